@@ -16,7 +16,7 @@ use super::journal::Journal;
 use super::motion::Motion;
 use super::plan::{AcceptedWithin, AirBoards, most_trim_mm};
 use super::recording::{Answer, Happening};
-use super::set_up::SetUp;
+use super::set_up::{Moment, SetUp};
 use super::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
 use super::tasks::AirStep;
 use bench::config::{Config, SpacingTarget};
@@ -112,7 +112,7 @@ impl Eye {
             sight: Mutex::new(None),
             white: Mutex::new(None),
             air_step: Mutex::new(None),
-            set_up: watch::Sender::new(SetUp { in_view: InView::Unknown, since: Timestamp::now() }),
+            set_up: watch::Sender::new(SetUp { in_view: InView::Unknown, since: Moment::now() }),
             looked_at: Mutex::new(None),
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
@@ -222,13 +222,18 @@ impl Eye {
 
     /// Since when what stands there does, and the shell is on or off; now, where the clock was set back since.
     pub(super) fn set_up_at(&self) -> Timestamp {
-        self.set_up.borrow().since.max(self.motion.shell_since()).min(Timestamp::now())
+        self.set_up.borrow().since.wall.max(self.motion.shell_since().wall).min(Timestamp::now())
+    }
+
+    /// The same on the clock that nobody sets.
+    pub(super) fn set_up_instant(&self) -> Instant {
+        self.set_up.borrow().since.unset.max(self.motion.shell_since().unset)
     }
 
     /// That this stands before the lens from now on; with `None` what stood there does, set up anew.
     pub(super) fn see(&self, view: Option<InView>) {
         self.set_up.send_modify(|set_up| {
-            *set_up = SetUp { in_view: view.unwrap_or(set_up.in_view), since: Timestamp::now() };
+            *set_up = SetUp { in_view: view.unwrap_or(set_up.in_view), since: Moment::now() };
         });
     }
 

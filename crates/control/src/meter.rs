@@ -232,7 +232,7 @@ pub(super) struct Readings {
     begun: Notify,
     /// What was measured in whole last.
     whole: watch::Sender<Option<Whole>>,
-    /// Why no frame has been measured in whole since, in words.
+    /// Why no frame has been measured in whole since that one, in words.
     unmeasured: Mutex<Option<String>>,
     /// Whether it is in doubt what is in view.
     doubted: watch::Sender<bool>,
@@ -267,7 +267,14 @@ impl Readings {
     }
 
     fn doubt(&self, doubted: bool) {
-        self.doubted.send_if_modified(|before| std::mem::replace(before, doubted) != doubted);
+        self.doubted.send_if_modified(|before| {
+            let changed = std::mem::replace(before, doubted) != doubted;
+            if changed {
+                // What could not be measured before says nothing of this doubt.
+                *self.unmeasured() = None;
+            }
+            changed
+        });
     }
 
     fn unmeasured(&self) -> MutexGuard<'_, Option<String>> {
@@ -327,7 +334,7 @@ impl Service {
         let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
-        let (mut doubt, mut set_up_at) = (Doubt::default(), self.eye.set_up_at());
+        let (mut doubt, mut set_up) = (Doubt::default(), self.eye.set_up_instant());
         while self.readings.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
@@ -350,16 +357,15 @@ impl Service {
                     at_rest.lost();
                 }
             }
-            let now_set_up_at = self.eye.set_up_at();
-            if now_set_up_at > set_up_at {
-                set_up_at = now_set_up_at;
+            let now_set_up = self.eye.set_up_instant();
+            if now_set_up != set_up {
+                set_up = now_set_up;
                 at_rest.set_up();
+                doubt = Doubt::default();
+                self.readings.doubt(false);
             }
-            let exposure = frame.exposed_to.saturating_duration_since(frame.exposed_from);
             // It shows, in part at least, what stood there before.
-            if set_up_at.duration_until(frame.captured_at)
-                < jiff::SignedDuration::try_from(exposure).unwrap_or_default()
-            {
+            if frame.exposed_from < set_up && !frame.replayed {
                 continue;
             }
             let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
@@ -381,13 +387,16 @@ impl Service {
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
             let spacing_target_px = self.eye.target_px();
             // What another set-up showed says nothing of this one.
+            let set_up_at = self.eye.set_up_at();
             let newest = (*whole.borrow()).filter(|whole| whole.captured_at >= set_up_at);
             // A board of several levels steps, and is known to.
             let doubted = self.eye.in_view() != InView::SteppedBoard
                 && spacing.as_ref().is_ok_and(|spacing| {
                     doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq))
                 });
-            self.readings.doubt(doubted);
+            if spacing.is_ok() {
+                self.readings.doubt(doubted);
+            }
             let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
                 && !doubted
                 && !newest.is_some_and(|whole| whole.two_boards);

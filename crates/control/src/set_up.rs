@@ -1,6 +1,7 @@
 //! What stands before the lens: a frame of before it was set up shows another scene.
 
 use jiff::Timestamp;
+use tokio::time::Instant;
 
 use super::events::InView;
 use bench::device::Setup;
@@ -9,7 +10,20 @@ use bench::device::Setup;
 #[derive(Debug, Clone, Copy)]
 pub(super) struct SetUp {
     pub(super) in_view: InView,
-    pub(super) since: Timestamp,
+    pub(super) since: Moment,
+}
+
+/// A moment, on the wall clock and on the one that nobody sets.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Moment {
+    pub(super) wall: Timestamp,
+    pub(super) unset: Instant,
+}
+
+impl Moment {
+    pub(super) fn now() -> Self {
+        Self { wall: Timestamp::now(), unset: Instant::now() }
+    }
 }
 
 impl InView {

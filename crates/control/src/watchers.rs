@@ -235,7 +235,7 @@ impl Service {
                 }
                 () = tokio::time::sleep_until(due) => {
                     let began = Instant::now();
-                    // Whoever but reads the meter is to learn, too, whether what it reads is one board's.
+                    // Who only reads the meter is to learn, too, whether what it reads is of one board.
                     let wanted = Arc::strong_count(&self.onlookers) > 1 || *doubted.borrow();
                     if wanted && self.current().is_none_or(|job| job.snapshot().state == JobState::WaitingForOperator) {
                         match self.eye.measure_live().await {

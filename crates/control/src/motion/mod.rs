@@ -15,7 +15,6 @@ use std::sync::atomic::AtomicBool;
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use jiff::Timestamp;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
@@ -31,6 +30,7 @@ use super::lease::Leases;
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
 use super::room::Contact;
+use super::set_up::Moment;
 use bench::config::{AxisConfig, Config, Side};
 use bench::device::jog::{Deadman, Seen, jog};
 use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
@@ -58,7 +58,7 @@ pub struct Motion {
 struct State {
     latch: Latch,
     shell: ShellState,
-    shell_since: Timestamp,
+    shell_since: Moment,
     /// Whether the last motion of an axis ended from its approach side.
     approached: [bool; 2],
     l_bound_mm: f64,
@@ -92,7 +92,7 @@ impl Motion {
             state: Mutex::new(State {
                 latch: Latch::default(),
                 shell: ShellState::Unknown,
-                shell_since: Timestamp::now(),
+                shell_since: Moment::now(),
                 approached: [false; 2],
                 l_bound_mm,
                 contact: Contact { e_mm: contact_mm, measured_sigma_mm: None },
@@ -182,14 +182,14 @@ impl Motion {
     pub fn set_shell(&self, shell: ShellState) {
         let mut state = self.state();
         if state.shell != shell {
-            (state.shell, state.shell_since) = (shell, Timestamp::now());
+            (state.shell, state.shell_since) = (shell, Moment::now());
         }
         drop(state);
         self.shell_said.notify_one();
     }
 
     /// Since when the shell is on, or off, or that is not known.
-    pub(super) fn shell_since(&self) -> Timestamp {
+    pub(super) fn shell_since(&self) -> Moment {
         self.state().shell_since
     }
 
