@@ -105,7 +105,7 @@ pub fn words(field: &'static str, text: &str) -> Result<(), ServiceError> {
 }
 
 /// Whether a character is not seen and has what stands around it, also figures of ours, run the other way or on another line.
-const fn turns_text(c: char) -> bool {
+pub const fn turns_text(c: char) -> bool {
     matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::lease::words;
+use super::lease::{MAX_TEXT, turns_text};
 use super::refusal::ServiceError;
 use bench::device::AxisName;
 use bench::whole::whole_or_none;
@@ -55,7 +55,11 @@ pub struct JobRequest {
     pub kind: JobKind,
     /// What it is for, in the caller's words.
     #[serde(default, skip_serializing_if = "Option::is_none")]
-    #[schema(min_length = 1, max_length = 200, pattern = "\\S")]
+    #[schema(
+        min_length = 1,
+        max_length = 200,
+        pattern = "^[^\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]*[^\\s\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069][^\\u061c\\u200e\\u200f\\u2028-\\u202e\\u2066-\\u2069]*$"
+    )]
     pub note: Option<String>,
     /// Whether it is recorded; as `record.jobs` of the configuration has it where it is not given.
     #[serde(default, skip_serializing_if = "Option::is_none")]
@@ -178,7 +182,12 @@ impl JobRequest {
                 return invalid(field, format!("this kind of job takes {taken}"));
             }
         }
-        self.note.as_deref().map_or(Ok(()), |note| words("note", note))?;
+        let cannot_be =
+            |note: &str| note.trim().is_empty() || note.chars().count() > MAX_TEXT || note.contains(turns_text);
+        if self.note.as_deref().is_some_and(cannot_be) {
+            let what = format!("1 to {MAX_TEXT} characters are needed, and no marks that turn the direction of text");
+            return invalid("note", what);
+        }
         within("e_mm", self.e_mm, -1e3, 1e3)?;
         within("distance_mm", self.distance_mm, 1.0, 1e5)?;
         within("from_mm", self.from_mm, -1e4, 1e4)?;
@@ -258,6 +267,7 @@ mod tests {
         assert_eq!(field(&sweep), None);
         assert_eq!(field(&JobRequest { steps: Some(1), ..sweep.clone() }), Some("steps"));
         assert_eq!(field(&JobRequest { to_mm: Some(f64::NAN), ..sweep.clone() }), Some("to_mm"));
+        assert_eq!(field(&JobRequest { note: Some("to 1.5 mm\u{202e}".into()), ..sweep.clone() }), Some("note"));
         assert_eq!(field(&JobRequest { note: Some(" ".into()), ..sweep }), Some("note"));
         assert_eq!(field(&of(JobKind::SpacingWatch)), Some("duration_s"));
         let watch = JobRequest { duration_s: Some(3600.0), ..of(JobKind::SpacingWatch) };

@@ -115,6 +115,8 @@ pub async fn replay(path: &Path) -> Result<Replay, ReplayError> {
         .map_err(|error| unusable(error.to_string()))?;
     let mut request = recorded.request()?;
     request.record = None;
+    // Nothing is decided by it, and it may be of a version that took others.
+    request.note = None;
     let mut frames = RecordedFrames::open(path, recorded.lasted)?;
     let white = match start.white_frame_before {
         true => {
