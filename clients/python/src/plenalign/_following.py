@@ -156,7 +156,7 @@ class Reading:
     spacing_tolerance_px: float
     """By how much it may be off that where a job accepts it, px."""
     in_focus: bool
-    """Whether there is a spacing, of one board as far as is known, and the combined one within the blur limit of that."""
+    """Whether there is a spacing, of one board as far as is known, whose mean is within the blur limit of that."""
     doubted: bool
     """Whether it steps over the field as between two boards, and no whole measurement says yet if there are two."""
     frames_left_out: int
