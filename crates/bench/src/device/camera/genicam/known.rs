@@ -8,6 +8,7 @@ use viva_genicam::gige::DeviceInfo;
 use viva_genicam::u3v::U3vDeviceInfo;
 
 use super::target::Site;
+use super::usb;
 
 /// Of so many cameras what they offer is kept: of those that were read last.
 const KEPT: usize = 64;
@@ -29,7 +30,7 @@ impl Identity {
     pub(super) fn of_usb(info: &U3vDeviceInfo) -> Self {
         let product = Some(format!("{:04x}:{:04x}", info.vendor_id, info.product_id));
         let [maker, model, serial] = [&info.manufacturer, &info.model, &info.serial].map(Clone::clone);
-        let site = Site::Usb { bus: info.bus.clone(), address: info.address };
+        let site = usb::site(info);
         Self { site, mac: [0; 6], words: [maker, model, product, serial] }
     }
 }

@@ -6,7 +6,7 @@ use viva_genicam::gige::DeviceInfo;
 use viva_genicam::u3v::U3vDeviceInfo;
 
 use super::known::Identity;
-use super::usb::Names;
+use super::usb::{self, Names};
 use crate::config::GenicamName;
 
 /// Where a camera is.
@@ -37,7 +37,7 @@ impl Target {
     pub(super) fn site(&self) -> Site {
         match self {
             Self::Network(info) => Site::Network(info.ip),
-            Self::Usb(info, _) => Site::Usb { bus: info.bus.clone(), address: info.address },
+            Self::Usb(info, _) => usb::site(info),
         }
     }
 
