@@ -384,3 +384,13 @@ fn only_control_commands_motion() {
         }
     }
 }
+
+/// The page rewords lengths in mm to the unit that its reader has chosen, and knows no other.
+#[test]
+fn jobs_say_lengths_in_mm() {
+    for (path, text) in sources().into_iter().filter(|(path, _)| path.starts_with("control")) {
+        for line in text.lines().filter(|line| !line.trim_start().starts_with("//")) {
+            assert!(!line.contains("µm"), "{}: {line}", path.display());
+        }
+    }
+}

@@ -87,7 +87,7 @@ impl Alignment<'_> {
         let how = match (step, shell.trimmed()) {
             (_, true) => {
                 let at = if shell.held_off() { "where it is known to be clear of the shell" } else { "at its optimum" };
-                format!("e held {at}, Δv trimmed by {:+.1} µm (Eq. 8 with e fixed)", trim_mm * 1000.0)
+                format!("e held {at}, Δv trimmed by {trim_mm:+.4} mm (Eq. 8 with e fixed)")
             }
             (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
             (_, false) => "e translated until the spacing met its target".to_owned(),
@@ -106,7 +106,7 @@ impl Alignment<'_> {
         let decision = match decision {
             ShellDecision::ProbeE { to_mm } => format!("probe: e axis to {to_mm:.3} mm"),
             ShellDecision::MoveE { to_mm, .. } => format!("move the e axis to {to_mm:.3} mm"),
-            ShellDecision::Trim { by_mm, .. } => format!("hold e, trim Δv by {:+.1} µm", by_mm * 1000.0),
+            ShellDecision::Trim { by_mm, .. } => format!("hold e, trim Δv by {by_mm:+.4} mm"),
             ShellDecision::MoreFrames => "measure again here: not certain enough".to_owned(),
             ShellDecision::Verify => "the criterion is met: measure again to verify".to_owned(),
             ShellDecision::Done => "the criterion is met, verified".to_owned(),

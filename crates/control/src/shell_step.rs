@@ -97,7 +97,7 @@ impl Alignment<'_> {
                 ShellDecision::Trim { by_mm, predicted_px } => {
                     (kind, moved, predicted) = (IterationKind::Move, AxisName::Focus, Some(predicted_px));
                     let to = self.motion.position_mm(AxisName::Focus)? + by_mm / focus_scale;
-                    self.context.doing(format!("shell: trimming Δv by {:.1} µm", by_mm * 1000.0));
+                    self.context.doing(format!("shell: trimming Δv by {by_mm:+.4} mm"));
                     self.go(AxisName::Focus, to).await?;
                 }
                 ShellDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
