@@ -26,8 +26,6 @@ const FOLLOWED_IN_AIR: f64 = 10.0;
 pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
 pub(super) const MAX_MEASUREMENTS: u32 = 60;
-/// Steps of a joint alignment, for the progress bar.
-pub(super) const STEPS: u32 = 22;
 
 /// What an alignment has found so far: enough for a report at any moment.
 #[derive(Debug, Clone, Default)]

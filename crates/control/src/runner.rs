@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use futures_util::FutureExt as _;
 
-use super::alignment::{Alignment, Findings, STEPS};
+use super::alignment::{Alignment, Findings};
 use super::clock::{Part, enter};
 use super::context::{JobContext, JobEnd};
 use super::eye::Eye;
@@ -30,7 +30,7 @@ pub(super) async fn run(
     config: &Arc<Config>,
     design_origin: &str,
 ) {
-    context.begin(STEPS);
+    context.begin(usual_steps(context.snapshot().kind));
     if context.snapshot().simulated {
         context.log("SIMULATED bench: no real device is driven");
     }
@@ -84,6 +84,17 @@ pub(super) async fn break_off(context: &JobContext, motion: &Motion, why: String
     if !context.snapshot().state.is_final() {
         telemetry::job_ended(&word(&context.snapshot().kind), &JobState::Failed.to_string());
         context.end(JobState::Failed, why, None).await;
+    }
+}
+
+/// So many steps a job of a kind usually has, for the progress bar; what can be counted beforehand is when it begins.
+fn usual_steps(kind: JobKind) -> u32 {
+    match kind {
+        JobKind::JointAlignment | JobKind::ClarityOnly => 22,
+        JobKind::AirOnly | JobKind::ShellOnly => 12,
+        JobKind::LBoundMeasurement => 8,
+        JobKind::Calibration => 5,
+        JobKind::FocusSweep | JobKind::SpacingWatch | JobKind::Homing => 1,
     }
 }
 
