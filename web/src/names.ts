@@ -5,7 +5,11 @@ import { strings } from "./strings";
 /** What the daemon is told of whoever has given no name: in its own language, as it goes into records that all read. */
 export const NAMELESS = "a browser";
 
-/** How somebody is called on the page. */
+/** Written from right to left. */
+const TURNED = /[\p{Script=Arabic}\p{Script=Hebrew}\p{Script=Syriac}\p{Script=Thaana}\p{Script=Nko}]/u;
+
+/** How somebody is called on the page. A name written from right to left is set apart, so that it turns nothing around it. */
 export function called(owner: string): string {
-  return owner === NAMELESS ? strings.lease.owner : owner;
+  if (owner === NAMELESS) return strings.lease.owner;
+  return TURNED.test(owner) ? `\u2068${owner}\u2069` : owner;
 }

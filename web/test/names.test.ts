@@ -1,0 +1,15 @@
+import { describe, expect, it } from "vitest";
+import { called, NAMELESS } from "../src/names";
+import { strings } from "../src/strings";
+
+describe("how somebody is called", () => {
+  it("is by name, and in the reader's words without one", () => {
+    expect(called("Ada")).toBe("Ada");
+    expect(called(NAMELESS)).toBe(strings.lease.owner);
+  });
+
+  it("turns nothing that stands around a name written from right to left", () => {
+    expect(called("שרה 2")).toBe("\u2068שרה 2\u2069");
+    expect(called("سارة")).toBe("\u2068سارة\u2069");
+  });
+});
