@@ -334,8 +334,8 @@ impl World {
         }
         let e = self.e.coordinate();
         self.least_e_with_shell_mm = self.least_e_with_shell_mm.min(e);
-        if e <= contact_e_mm {
-            // The shell holds the lens; the motor turns on against it.
+        if e < contact_e_mm {
+            // The shell holds the lens; the motor turns on against it. At the shell itself the lens is free to leave it.
             self.touched_shell = true;
             self.e.place(contact_e_mm);
         }
@@ -543,5 +543,10 @@ mod tests {
         truth.motor_moved(1, -60.0);
         assert_eq!(truth.pose().e_mm, -0.5);
         assert_eq!(truth.report()["touched_shell"], true);
+        // However small the steps are that lead away from it.
+        for step in 1..=4000 {
+            truth.motor_moved(1, -60.0 + 0.001 * f64::from(step));
+        }
+        assert!(truth.pose().e_mm > 2.0, "{}", truth.pose().e_mm);
     }
 }
