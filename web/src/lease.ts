@@ -27,6 +27,7 @@ export class LeaseKeeper {
   /** The lease that the daemon has said this page has, unless it was given back since. */
   private had: string | null = null;
   private timer: ReturnType<typeof setInterval> | null = null;
+  /** By the clock that nobody sets, ms. */
   private renewedAt = 0;
 
   constructor(
@@ -140,18 +141,18 @@ export class LeaseKeeper {
    * to one a minute, but not those of a worker, whose signs of life call this.
    */
   due(): void {
-    if (this.key !== null && Date.now() - this.renewedAt >= HEARTBEAT_MS) void this.renew();
+    if (this.key !== null && performance.now() - this.renewedAt >= HEARTBEAT_MS) void this.renew();
   }
 
   private beat(): void {
-    this.renewedAt = Date.now();
+    this.renewedAt = performance.now();
     this.timer ??= setInterval(() => this.due(), HEARTBEAT_MS);
   }
 
   private async renew(): Promise<void> {
     const mine = this.key;
     if (mine === null) return;
-    this.renewedAt = Date.now();
+    this.renewedAt = performance.now();
     const answer = await this.send("POST", "/api/v1/lease/heartbeat", undefined, mine);
     // Lost to another, or run out while the tab slept: the next command takes it anew, or says who has it.
     if (!answer.ok && answer.problem.status === 412 && this.key === mine) this.forget();

@@ -51,6 +51,14 @@ describe("the lease", () => {
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
 
+  it("is kept up whatever the browser's clock is set to", async () => {
+    const { send, calls } = daemon();
+    await keeper(send).take();
+    vi.setSystemTime(Date.now() - 3_600_000);
+    await vi.advanceTimersByTimeAsync(30_000);
+    expect(beats(calls)).toBe(3);
+  });
+
   it("is lost to another, or by itself, and not by being given back", async () => {
     const { send } = daemon();
     const lease = keeper(send);
