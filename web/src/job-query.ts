@@ -13,6 +13,7 @@ export interface Filter {
 
 export const everything: Filter = { text: "", kind: "", state: "", since: "", until: "" };
 const PAGE = 20;
+const LAST_YEAR = 9998;
 
 /** A filter as the API takes it. */
 export function queryOf(filter: Filter, cursor: string | null): URLSearchParams {
@@ -30,8 +31,10 @@ export function queryOf(filter: Filter, cursor: string | null): URLSearchParams 
 }
 
 function midnight(day: string, later: number): string | null {
-  const match = /^(\d{4})-(\d{2})-(\d{2})$/.exec(day);
+  const match = /^(\d{4,6})-(\d{2})-(\d{2})$/.exec(day);
   if (!match) return null;
-  const date = new Date(Number(match[1]), Number(match[2]) - 1, Number(match[3]) + later);
-  return Number.isNaN(date.getTime()) ? null : date.toISOString();
+  const date = new Date(0, 0);
+  date.setFullYear(Number(match[1]), Number(match[2]) - 1, Number(match[3]) + later);
+  // What is typed of a year with a digit too many is later than all; the API's years have four.
+  return date.getFullYear() > LAST_YEAR ? `${LAST_YEAR}-12-31T00:00:00Z` : date.toISOString();
 }

@@ -1,5 +1,8 @@
 // Which page is seen: it is in the address after the #, so that it can be linked to and gone back to.
 
+/** So many runs are compared at most. */
+export const COMPARED = 2;
+
 /** What has a tab. */
 export const PAGES = ["live", "alignment", "design", "history", "settings"] as const;
 /** What is in the address, and the meter by itself, which no tab leads to. */
@@ -15,7 +18,8 @@ export interface Route {
 export function routeOf(hash: string): Route {
   const [name, ...rest] = hash.replace(/^#\/?/, "").split("/");
   const page = ([...PAGES, "meter"] as const).find((page) => page === name) ?? "live";
-  return { page, jobs: rest.filter((part) => /^[0-9a-f-]{36}$/.test(part)) };
+  const jobs = rest.filter((part) => /^[0-9a-f-]{36}$/.test(part));
+  return { page, jobs: [...new Set(jobs)].slice(0, COMPARED) };
 }
 
 export function addressOf(page: Page, ...jobs: string[]): string {

@@ -121,6 +121,10 @@ describe("the history", () => {
     const [since, until] = [query.get("since"), query.get("until")].map((text) => Date.parse(text ?? ""));
     expect((until ?? 0) - (since ?? 0)).toBe(24 * 3600 * 1000);
     expect(queryOf({ ...everything, since: "soon" }, null).has("since")).toBe(false);
+    // A year with a digit too many is later than every run, and none that the API does not know.
+    expect(queryOf({ ...everything, since: "12026-01-01" }, null).get("since")).toBe("9998-12-31T00:00:00Z");
+    expect(queryOf({ ...everything, until: "9999-12-31" }, null).get("until")).toBe("9998-12-31T00:00:00Z");
+    expect(queryOf({ ...everything, since: "0026-01-02" }, null).get("since")).toMatch(/^0026-01-0/);
   });
 
   it("lays two runs of unlike length over one another", () => {

@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { everything, queryOf, type Filter } from "../../job-query";
-import { addressOf } from "../../route";
+import { addressOf, COMPARED } from "../../route";
 import { isFinal } from "../../state";
 import { strings } from "../../strings";
 import type { Job, JobItem } from "../../wire";
@@ -10,8 +10,6 @@ import { Compare } from "./compare";
 import { Filters } from "./filters";
 import { JobTable } from "./table";
 
-/** Jobs compared at most. */
-const MOST = 2;
 /** Before a search goes out while somebody types, ms. */
 const REST_MS = 250;
 
@@ -53,7 +51,7 @@ export function HistoryPage(given: Given) {
 
   const choose = (id: string, on: boolean) => {
     const rest = chosen.filter((one) => one !== id);
-    location.hash = addressOf("history", ...(on ? [...rest, id].slice(-MOST) : rest));
+    location.hash = addressOf("history", ...(on ? [...rest, id].slice(-COMPARED) : rest));
   };
   return (
     <div class="history-page">
