@@ -89,7 +89,12 @@ interface MeaningProps {
 /** From the edges of the screen at least, px. */
 const EDGE = 8;
 
-/** Above everything, by the word. */
+/** Whether a box laid at `top` comes to lie over another. */
+function covers({ left, top, width, height }: DOMRectReadOnly, other: DOMRect): boolean {
+  return left < other.right && left + width > other.left && top < other.bottom && top + height > other.top;
+}
+
+/** Above everything, by the word; over STOP only where there is no other place, and a press goes through to it. */
 function Meaning({ id, lang, term, symbol, name, meaning }: MeaningProps) {
   const box = useRef<HTMLSpanElement>(null);
   useLayoutEffect(() => {
@@ -102,9 +107,15 @@ function Meaning({ id, lang, term, symbol, name, meaning }: MeaningProps) {
       const at = word.getBoundingClientRect();
       const { width, height } = element.getBoundingClientRect();
       const left = Math.max(EDGE, Math.min(at.left, window.innerWidth - width - EDGE));
-      const below = at.bottom + height + EDGE <= window.innerHeight;
+      const stop = document.getElementById("stop")?.getBoundingClientRect();
+      const clear = (top: number) => !stop || !covers(new DOMRectReadOnly(left, top, width, height), stop);
+      const within = (top: number) => top >= EDGE && top + height + EDGE <= window.innerHeight;
+      const above = Math.max(EDGE, at.top - height);
+      const places = [at.bottom, above, (stop?.top ?? 0) - height, stop?.bottom ?? 0];
+      const top = places.find((top) => within(top) && clear(top)) ?? above;
       element.style.left = `${left}px`;
-      element.style.top = `${below ? at.bottom : Math.max(EDGE, at.top - height)}px`;
+      element.style.top = `${top}px`;
+      element.style.pointerEvents = clear(top) ? "" : "none";
     };
     place();
     window.addEventListener("scroll", place, { capture: true, passive: true });
