@@ -72,7 +72,7 @@ export const stop: typeof en.stop = {
 
 export const signIn: typeof en.signIn = {
   signIn: "Anmelden",
-  more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“.",
+  more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“. Was an der Bank läuft, läuft unterdessen weiter, und STOP ist von hier nicht zu erreichen: der Not-Halt an der Bank schon.",
   signOut: "Abmelden",
   token: "Token",
   ended: {

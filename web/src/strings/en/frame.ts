@@ -68,7 +68,7 @@ export const stop = {
 
 export const signIn = {
   signIn: "Sign in",
-  more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”.",
+  more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”. What is under way at the bench goes on meanwhile, and STOP is out of reach here: the hardware emergency stop is not.",
   signOut: "Sign out",
   token: "Token",
   /** Why one is out who was in. */

@@ -1,6 +1,7 @@
 import { moment } from "../../format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
+import { secondsLeft } from "../../clock";
 import { strings } from "../../strings";
 import { able, type State } from "../../state";
 import type { Scope, Token, TokenRequest } from "../../wire";
@@ -108,10 +109,11 @@ function isFirst({ session }: State): boolean {
 }
 
 /** Who loses more by its end than a token. */
-function losses(token: Token, tokens: Token[], { session }: State): string[] {
+function losses(token: Token, tokens: Token[], { session, clock }: State): string[] {
   const words = strings.settings;
   const mine = session !== null && session !== "stranger" && session.signed_in && session.name === token.name;
-  const valid = tokens.filter(({ expires_at: until }) => !until || Date.parse(until) > Date.now());
+  // By the daemon's clock: the browser's may be wrong.
+  const valid = tokens.filter(({ expires_at: until }) => !until || secondsLeft(until, clock, Date.now()) > 0);
   if (!valid.includes(token)) return [];
   const admins = valid.filter(({ scope }) => scope === "admin");
   return [
