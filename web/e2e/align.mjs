@@ -391,6 +391,9 @@ try {
 
   step("a daemon that is killed is seen to be gone, in the midst of a job");
   await open(page, "Alignment");
+  // What somebody was about to start is still there.
+  assert.equal(await page.locator("#kind").inputValue(), "focus_sweep");
+  await page.locator("#kind").selectOption("joint_alignment");
   await page.locator("#note").fill("cut short");
   await page.locator("#start").click();
   await page.locator(".turn").waitFor();

@@ -11,6 +11,7 @@ import {
   type Clock,
 } from "./clock";
 import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
+import type { Draft } from "./job-kinds";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { sceneOf, setUpAt, type Scene } from "./set-up";
@@ -95,6 +96,8 @@ export interface State {
   made: NewToken | null;
   /** Who has taken control of the bench from this page, until that is dismissed. */
   controlLost: ControlLost | null;
+  /** The job that somebody puts together on this page; null while nobody has begun to. */
+  drafted: Draft | null;
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
@@ -147,6 +150,7 @@ export const initial: State = {
   tone: false,
   made: null,
   controlLost: null,
+  drafted: null,
   resetSeen: null,
   stopSent: null,
   route: routeOf(""),

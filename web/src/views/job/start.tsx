@@ -37,8 +37,9 @@ const PLANNED: JobKind[] = [
 ];
 
 /** Chooses a job, says what it will do, and starts it. */
-export function StartJob({ state, act }: Given) {
-  const [draft, setDraft] = useState<Draft>(draftOf("joint_alignment"));
+export function StartJob({ state, act, update }: Given) {
+  const draft = state.drafted ?? draftOf("joint_alignment");
+  const setDraft = (drafted: Draft) => update({ drafted });
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
   const [starting, setStarting] = useState(false);
