@@ -174,8 +174,8 @@ export async function measured(page) {
 
   await picture.getByRole("button", { name: "Crosshair" }).click();
   await picture.getByRole("button", { name: "Region" }).click();
-  await region.locator("span", { hasText: /^grey \d+\.\d on average, \d+ to \d+ of 255$/ }).waitFor();
-  await region.locator("span", { hasText: /^spacing/ }).waitFor();
+  await region.locator("span > span", { hasText: /^grey \d+\.\d on average, \d+ to \d+ of 255$/ }).waitFor();
+  await region.locator("[data-old=false] > span", { hasText: /^spacing/ }).waitFor();
   const [spacing, sigma] = numbers(await region.innerText(), /spacing ([\d.]+) ± ([\d.]+) px/);
   const meter = Number(await page.locator("#spacing").innerText());
   assert(Math.abs(spacing - meter) < 5 * sigma + 0.02, `the region says ${spacing}, the meter ${meter}`);

@@ -88,7 +88,7 @@ export class Eyepiece {
   }
 
   showOverlays(overlays: Overlay[]): void {
-    if (overlays === this.overlays) return;
+    if (overlays.join() === this.overlays?.join()) return;
     this.overlays = overlays;
     if (!overlays.includes("saturation")) this.share = null;
     this.post({ do: "overlay", overlays });

@@ -22,7 +22,7 @@ import {
   turnOf,
   type State,
 } from "./state";
-import { overlaysOn } from "./show";
+import { drawable, overlaysOn } from "./show";
 import { setUpAt } from "./set-up";
 import { sound } from "./sound";
 import { stop, watchStopKey } from "./stopping";
@@ -97,7 +97,7 @@ function heed(): void {
   sound.play(toneNow(state, now));
   void awake.want(preferences.awake && document.visibilityState === "visible", now);
   const overlays = overlaysOn(preferences.show, preferences.overlays);
-  eyepiece.showOverlays(overlays);
+  eyepiece.showOverlays(drawable(overlays, state.reading));
   eyepiece.want(
     wishOf(lookedAt(route, document.visibilityState === "visible"), {
       // Of a region the spacing is told, too.

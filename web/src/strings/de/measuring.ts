@@ -26,6 +26,7 @@ export const measuring: typeof en.measuring = {
   spacingMore:
     "Mittel über seine Mikrobilder mit der Unsicherheit aus Rauschen und Streuung um eine glatte Fläche: Damit lassen sich Ausschnitte eines Bilds vergleichen; was das ganze Bild gemeinsam hat, steht nur im ± der Fokusanzeige",
   of: (lenses, frame) => `${lenses} Mikrobilder von Bild ${frame}`,
+  old: "ALT",
   spacingNone: "kein Punktabstand: zu wenige gemessene Mikrobilder darin",
   grey: (mean, least, most) => `Grauwert ${mean} im Mittel, ${least} bis ${most} von 255`,
   saturated: (percent) => `${percent} % gesättigt`,

@@ -27,6 +27,7 @@ export const measuring = {
   spacingMore:
     "Mean over its micro-images, with what noise and scatter about a smooth surface leave uncertain: regions of a frame compare among themselves by it; what the whole frame has in common is in the meter's ± alone",
   of: (lenses: number, frame: number) => `${lenses} micro-images of frame ${frame}`,
+  old: "OLD",
   spacingNone: "no spacing: too few micro-images measured in it",
   grey: (mean: string, least: number, most: number) => `grey ${mean} on average, ${least} to ${most} of 255`,
   saturated: (percent: string) => `${percent} % saturated`,

@@ -2,6 +2,8 @@ import { eyepiece } from "../../eyepiece";
 import { fixed, signed } from "../../format";
 import { lengthOf, type Region, type Ruler, type Tool } from "../../marks";
 import { digits } from "../../meter";
+import { isOfOne } from "../../reading";
+import { isMeterOld, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";
@@ -39,37 +41,46 @@ export function Measuring({ state }: Given) {
 }
 
 /** What has been measured, in words. */
-export function Measured({ state }: Given) {
+export function Measured({ state, now }: Given) {
   if (state.preferences.show !== "raw") return null;
   const { region, ruler } = eyepiece.marking.marks;
-  if (region) return <RegionSays region={region} />;
+  if (region) return <RegionSays {...{ region, state, now }} />;
   return ruler && <RulerSays ruler={ruler} pitchPx={state.measurement?.micro_image_pitch_px ?? null} />;
 }
 
-function RegionSays({ region }: { region: Region }) {
+function RegionSays({ region, state, now }: Pick<Given, "state" | "now"> & { region: Region }) {
   const words = strings.measuring;
   const facts = eyepiece.marking.region;
   const [spacing, grey] = [facts?.spacing ?? null, facts?.grey ?? null];
   const places = spacing ? digits(spacing.sigmaPx) : 0;
+  const { reading, missing } = state;
+  // What the meter has no figure for has none in a part of the frame either.
+  const none = reading && !isOfOne(reading) ? strings.meter.words[reading.direction] : null;
+  const spacingOld = missing !== null || isMeterOld(state, now) || reading?.settled === false;
+  const greyOld = pictureState(state, now) !== "fresh";
   return (
     <p class="facts measured" id="region">
       <b>{words.region(region.width, region.height, region.x, region.y)}</b>
-      {spacing ? (
-        <>
+      {none !== null ? (
+        <span>{none}</span>
+      ) : spacing ? (
+        <span class="measured-part" data-old={spacingOld}>
+          {spacingOld && <span class="tag old">{words.old}</span>}
           <span title={words.spacingMore}>
             {words.spacing(fixed(spacing.spacingPx, places), fixed(spacing.sigmaPx, places))}
           </span>
           <span>{words.difference(signed(spacing.spacingPx - spacing.targetPx, places))}</span>
           <span>{words.of(spacing.lenses, spacing.frameSeq)}</span>
-        </>
+        </span>
       ) : (
         <span>{words.spacingNone}</span>
       )}
       {grey ? (
-        <>
+        <span class="measured-part" data-old={greyOld}>
+          {greyOld && <span class="tag old">{words.old}</span>}
           <span>{words.grey(fixed(grey.mean, 1), grey.least, grey.most)}</span>
           <span>{words.saturated(fixed(100 * grey.saturated, 2))}</span>
-        </>
+        </span>
       ) : (
         <span>{words.greyNone}</span>
       )}

@@ -1,6 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { fixed, span } from "../../format";
 import { eyepiece, type Probe } from "../../eyepiece";
+import { isOfOne } from "../../reading";
 import { knowsMotion } from "../../set-up";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
@@ -125,6 +126,7 @@ function Legend({ state }: Given) {
   const map = eyepiece.newestMap;
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
+  const several = state.reading && !isOfOne(state.reading) ? state.reading : null;
   const end = (mm: number | null | undefined) =>
     typeof mm === "number" ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
   return (
@@ -135,7 +137,8 @@ function Legend({ state }: Given) {
           {strings.picture.legendNear} {end(state.picture?.nearMm)} · {strings.picture.legendUnknown}
         </span>
       )}
-      {overlays.includes("error") && map && (
+      {overlays.includes("error") && several && <span>{strings.meter.words[several.direction]}</span>}
+      {overlays.includes("error") && map && !several && (
         <span class="legend">
           <i class="below" /> {strings.picture.legendBelow} <i class="above" /> {strings.picture.legendAbove}{" "}
           · {strings.picture.legendRange(fixed(map.rangePx, 2))} ·{" "}
