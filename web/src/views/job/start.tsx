@@ -38,8 +38,12 @@ const PLANNED: JobKind[] = [
 
 /** Chooses a job, says what it will do, and starts it. */
 export function StartJob({ state, act, update }: Given) {
-  const draft = state.drafted ?? draftOf("joint_alignment");
-  const setDraft = (drafted: Draft) => update({ drafted });
+  // Drawn at once with each key, and kept for when this page is come back to.
+  const [draft, draw] = useState<Draft>(state.drafted ?? draftOf("joint_alignment"));
+  const setDraft = (drafted: Draft) => {
+    draw(drafted);
+    update({ drafted });
+  };
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
   const [starting, setStarting] = useState(false);
