@@ -13,6 +13,7 @@ export interface Filter {
 
 export const everything: Filter = { text: "", kind: "", state: "", since: "", until: "" };
 const PAGE = 20;
+/** A year later than every run, whose last day has a day after it that the API knows. */
 const LAST_YEAR = 9998;
 
 /** A filter as the API takes it. */
@@ -35,6 +36,6 @@ function midnight(day: string, later: number): string | null {
   if (!match) return null;
   const date = new Date(0, 0);
   date.setFullYear(Number(match[1]), Number(match[2]) - 1, Number(match[3]) + later);
-  // What is typed of a year with a digit too many is later than all; the API's years have four.
+  // A year with a digit too many, which the API does not take, is later than every run as well.
   return date.getFullYear() > LAST_YEAR ? `${LAST_YEAR}-12-31T00:00:00Z` : date.toISOString();
 }

@@ -89,8 +89,8 @@ interface MeaningProps {
 /** From the edges of the screen at least, px. */
 const EDGE = 8;
 
-/** Whether a box laid at `top` comes to lie over another. */
-function covers({ left, top, width, height }: DOMRectReadOnly, other: DOMRect): boolean {
+/** Whether two boxes have a part of the screen in common. */
+function overlap({ left, top, width, height }: DOMRectReadOnly, other: DOMRect): boolean {
   return left < other.right && left + width > other.left && top < other.bottom && top + height > other.top;
 }
 
@@ -108,7 +108,7 @@ function Meaning({ id, lang, term, symbol, name, meaning }: MeaningProps) {
       const { width, height } = element.getBoundingClientRect();
       const left = Math.max(EDGE, Math.min(at.left, window.innerWidth - width - EDGE));
       const stop = document.getElementById("stop")?.getBoundingClientRect();
-      const clear = (top: number) => !stop || !covers(new DOMRectReadOnly(left, top, width, height), stop);
+      const clear = (top: number) => !stop || !overlap(new DOMRectReadOnly(left, top, width, height), stop);
       const within = (top: number) => top >= EDGE && top + height + EDGE <= window.innerHeight;
       const above = Math.max(EDGE, at.top - height);
       const places = [at.bottom, above, (stop?.top ?? 0) - height, stop?.bottom ?? 0];
