@@ -408,8 +408,19 @@ try {
 
   step("a stop that is not delivered is told, large");
   let undelivered = 0;
+  await page.locator("#region [data-old=true]", { hasText: /OLD[^]*grey/ }).waitFor();
   page.on("requestfailed", (request) => {
     if (new URL(request.url()).pathname === "/api/v1/stop") undelivered += 1;
+  step("a clock of the browser's computer that is set back makes nothing younger");
+  const age = async () =>
+    Number(/STALE · (\d+) s old/.exec(await page.locator(".picture .over").innerText())?.[1]);
+  const before = await age();
+  await page.evaluate(() => {
+    const now = Date.now;
+    Date.now = () => now() - 3_600_000;
+  });
+  await until(async () => (await age()) > before, "the picture grows no older");
+
   });
   await page.locator("#stop").click();
   await page.locator(".stop-failed").waitFor({ timeout: 10_000 });

@@ -21,8 +21,6 @@ export interface Clock {
   newestMs: number;
   /** The daemon's wall clock less the one that nobody sets, ms, as it said last. */
   wallMs: number | null;
-  /** The same of this page's clocks, when a message came last. */
-  pageWallMs: number | null;
 }
 
 export const unknown: Clock = {
@@ -31,7 +29,6 @@ export const unknown: Clock = {
   mostMs: null,
   newestMs: 0,
   wallMs: null,
-  pageWallMs: null,
 };
 
 /** Two clocks go apart by so much at most, ms a ms: what is set right is slewed no faster. */
@@ -54,51 +51,18 @@ function isFine(now: () => number): boolean {
   return false;
 }
 
-/** When a message came: this page's clock, ms, and how far that was then from the page's clock that nobody sets, ms. */
-export interface Came {
-  at: number;
-  wallMs: number;
-  /** Of an answer, how far the two were apart when it was asked. */
-  askedWallMs?: number | undefined;
-}
-
 /** What the daemon says of its clocks. */
 export interface Told {
   now: string;
   monotonic_us: number;
 }
 
-/** The clock with what a message says of it. */
-export function clockAfter(clock: Clock, message: ServerMessage, came: Came): Clock {
+/** The clock with what a message says of it that came at `cameAt` of this page's clock, ms. */
+export function clockAfter(clock: Clock, message: ServerMessage, cameAt: number): Clock {
   const of = clock.bootId === message.boot_id ? clock : { ...unknown, bootId: message.boot_id };
-  const now = withPage(of, came);
-  if (message.type === "tick") return heard(now, came.at, message);
-  if (message.type !== "clock") return now;
-  // Where this page's clock was set since, or its computer has slept, it is not known when by it that was asked.
-  const askedWallMs = came.askedWallMs ?? came.wallMs;
-  if (Math.abs(came.wallMs - askedWallMs) > READ_MS) return heard(now, came.at, message);
-  return answered(now, message.asked_ms, came.at, message);
-}
-
-/** By how much this page's clock was set back before a message came, ms: a computer that sleeps has it leap forwards, and then
- *  nothing is younger than it is said to be. */
-export function setBack({ pageWallMs }: Clock, { wallMs }: Came): number {
-  const byMs = pageWallMs === null ? 0 : pageWallMs - wallMs;
-  return byMs > READ_MS ? byMs : 0;
-}
-
-function withPage(clock: Clock, came: Came): Clock {
-  const byMs = setBack(clock, came);
-  const pageWallMs = came.wallMs;
-  if (byMs === 0) return { ...clock, pageWallMs };
-  const { least, mostMs, newestMs } = clock;
-  return {
-    ...clock,
-    pageWallMs,
-    least: least && { aheadMs: least.aheadMs - byMs, at: least.at - byMs },
-    mostMs: mostMs === null ? null : mostMs - byMs,
-    newestMs: newestMs - byMs,
-  };
+  if (message.type === "tick") return heard(of, cameAt, message);
+  if (message.type === "clock") return answered(of, message.asked_ms, cameAt, message);
+  return of;
 }
 
 /** The clock with another sign of life, which came at `cameAt` of this page's clock, ms. */
@@ -106,7 +70,7 @@ export function heard(clock: Clock, cameAt: number, { now, monotonic_us }: Told)
   const sentMs = monotonic_us / 1000;
   const [newestMs, wallMs] = [cameAt - sentMs, Date.parse(now) - sentMs];
   if (!Number.isFinite(newestMs) || !Number.isFinite(wallMs)) return clock;
-  // It came before it was sent: this page's clock has been set.
+  // It came before it was sent: one of the two clocks has stood, or runs wrong.
   if (newestMs < leastAt(clock, cameAt) - READ_MS)
     return { ...clock, least: null, mostMs: newestMs, newestMs, wallMs };
   return { ...clock, mostMs: Math.min(clock.mostMs ?? Infinity, newestMs), newestMs, wallMs };
@@ -115,7 +79,7 @@ export function heard(clock: Clock, cameAt: number, { now, monotonic_us }: Told)
 /** The clock with what the daemon answered, asked at `askedAt`, which came at `cameAt`, ms. */
 export function answered(clock: Clock, askedAt: number, cameAt: number, told: Told): Clock {
   const aheadMs = askedAt - told.monotonic_us / 1000;
-  // This page's clock was set back meanwhile.
+  // What was not asked yet is no answer.
   if (!Number.isFinite(aheadMs) || cameAt < askedAt) return clock;
   const known = heard(clock, cameAt, told);
   return { ...known, least: { aheadMs: Math.max(leastAt(known, cameAt), aheadMs), at: cameAt } };

@@ -1,6 +1,7 @@
 // Press and hold: an axis moves for as long as the press is told again and again, and the daemon's deadman ends the
 // motion 0.3 s after the last word. Nothing is told after the release, and what was on its way then is taken back.
 
+import { pageNow } from "./page-clock";
 import type { AxisName, Problem, Side } from "./wire";
 
 /** Between two words; the daemon waits 300 ms. */
@@ -47,7 +48,7 @@ export class Jog {
     // By it the daemon tells a press that is over from a new one, although both are the same button's.
     this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
-    this.toldAt = Date.now();
+    this.toldAt = pageNow();
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
     void this.tell(press);
   }
@@ -66,8 +67,8 @@ export class Jog {
     // A slow answer is waited for: words do not pile up, and the deadman decides meanwhile.
     // And an end of the press before must not overtake this one's beginning, or it would be its own.
     if (this.onTheWay || this.ends > 0 || this.press !== press) return;
-    if (Date.now() - this.toldAt > LAPSE_MS) return this.release();
-    this.toldAt = Date.now();
+    if (pageNow() - this.toldAt > LAPSE_MS) return this.release();
+    this.toldAt = pageNow();
     this.onTheWay = true;
     const problem = await this.calls.go(press, this.name);
     this.onTheWay = false;

@@ -12,7 +12,7 @@ import {
   type ServerMessage,
   type ViewerMessage,
 } from "./wire";
-import type { Came } from "./clock";
+import { pageNow } from "./page-clock";
 import type { Link } from "./state";
 import type { Wish } from "./wish";
 
@@ -36,8 +36,9 @@ const NEWEST = 0.2;
 export interface Listener {
   /** `nextAt` is when it is tried again, this page's clock, ms; null where nothing is to be tried. */
   link(link: Link, nextAt: number | null): void;
-  message(message: ServerMessage, came: Came): void;
-  /** `cameAt` is this page's clock, ms. Resolves when the picture has been drawn. */
+  /** `cameAt` is this page's clock, ms, here and below. */
+  message(message: ServerMessage, cameAt: number): void;
+  /** Resolves when the picture has been drawn. */
   picture(picture: Picture, cameAt: number): Promise<void>;
   map(map: FieldMap): void;
   reading(reading: FrameReading, cameAt: number): void;
@@ -77,8 +78,6 @@ export class Live {
   private refused = false;
   private askedAt = -Infinity;
   private asking: ReturnType<typeof setTimeout> | null = null;
-  /** When the daemon's clock was asked for on this connection, and how far this page's was then from the one that nobody sets. */
-  private readonly asked = new Map<number, number>();
   /** Whether this connection has been asked for readings. */
   private reads = false;
 
@@ -136,7 +135,6 @@ export class Live {
     this.silent = 0;
     this.said = Promise.resolve();
     this.reads = false;
-    this.asked.clear();
     socket.onopen = () => {
       if (this.socket !== socket) return;
       this.retryMs = FIRST_RETRY_MS;
@@ -148,11 +146,11 @@ export class Live {
       // What one that was given up still has to say is old.
       if (this.socket !== socket) return;
       this.silent = 0;
-      const cameAt = Date.now();
+      const cameAt = pageNow();
       if (typeof event.data === "string") {
         const message = parseMessage(event.data);
         if (message?.type === "tick") this.askClock(socket);
-        if (message && !this.isRefusal(message)) this.listener.message(message, this.came(message, cameAt));
+        if (message && !this.isRefusal(message)) this.listener.message(message, cameAt);
       } else {
         void this.show(socket, new Uint8Array(event.data), cameAt);
       }
@@ -165,23 +163,13 @@ export class Live {
     if (this.socket !== socket) return;
     this.socket = null;
     socket.close();
-    this.listener.link("lost", this.wanted ? Date.now() + this.retryMs : null);
+    this.listener.link("lost", this.wanted ? pageNow() + this.retryMs : null);
     this.retry = setTimeout(() => this.connect(), this.retryMs);
     this.retryMs = Math.min(this.retryMs * 2, LONGEST_RETRY_MS);
   }
 
   private askClock(socket: WebSocket): void {
-    const now = Date.now();
-    this.asked.set(now, now - performance.now());
-    this.send(socket, { type: "clock", asked_ms: now });
-  }
-
-  private came(message: ServerMessage, at: number): Came {
-    const wallMs = at - performance.now();
-    if (message.type !== "clock") return { at, wallMs };
-    const askedWallMs = this.asked.get(message.asked_ms);
-    this.asked.delete(message.asked_ms);
-    return { at, wallMs, askedWallMs };
+    this.send(socket, { type: "clock", asked_ms: pageNow() });
   }
 
   /** Whether a message says that the part asked for cannot be had: the whole frame is taken in its place. */

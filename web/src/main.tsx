@@ -9,6 +9,7 @@ import { eyepiece } from "./eyepiece";
 import { install } from "./install";
 import { jog, watchJog } from "./jogging";
 import { needle } from "./needle";
+import { pageNow } from "./page-clock";
 import { keep, named, recall } from "./preferences";
 import { addressOf, routeOf } from "./route";
 import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./session";
@@ -57,7 +58,7 @@ let state: State = {
 const root = document.getElementById("app");
 const cadence = new Cadence(() => {
   if (!root) return;
-  const now = Date.now();
+  const now = pageNow();
   render(<App {...{ state, newest, now, update, enter, leave, makeToken }} />, root);
 });
 const newest = () => state;
@@ -93,7 +94,7 @@ function heed(): void {
   api.callMe(
     preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
   );
-  const now = Date.now();
+  const now = pageNow();
   sound.play(toneNow(state, now));
   void awake.want(preferences.awake && document.visibilityState === "visible", now);
   const overlays = overlaysOn(preferences.show, preferences.overlays);
@@ -110,7 +111,7 @@ function heed(): void {
 }
 
 /** Silences the tone once its reading is old: nothing need come that says so. */
-setInterval(() => sound.play(toneNow(state, Date.now())), TONE_MS);
+setInterval(() => sound.play(toneNow(state, pageNow())), TONE_MS);
 
 /** What the viewer reports. */
 function receiveReport(report: Report): void {
@@ -122,20 +123,20 @@ function receiveReport(report: Report): void {
       void identify();
       return;
     case "message": {
-      const { message, came } = report;
+      const { message, cameAt } = report;
       // Another run of the daemon may have another design, and another camera.
       if (message.type === "snapshot" && state.bootId !== null && state.bootId !== message.boot_id) {
         eyepiece.forget();
         void learnDesign();
       }
-      const next = withControl(receive(state, message, came));
+      const next = withControl(receive(state, message, cameAt));
       if (setUpAt(next.bench) !== setUpAt(state.bench)) eyepiece.forgetMap();
       set(next);
       if (message.type === "snapshot") void learnRecent();
       return;
     }
     case "picture":
-      set(receivePicture(state, report.facts, report.sentAt, Date.now()), LEISURELY_MS);
+      set(receivePicture(state, report.facts, report.sentAt, pageNow()), LEISURELY_MS);
       return;
     case "reading":
       // Nothing but the meter's own drawing follows from it.
@@ -179,7 +180,7 @@ async function identify(): Promise<void> {
 /** The last two minutes; the charts begin empty where they cannot be had. */
 async function learnRecent(): Promise<void> {
   const recent = await api.recent();
-  if (recent.ok && state.session !== "stranger") set(remember(state, recent.value, Date.now()));
+  if (recent.ok && state.session !== "stranger") set(remember(state, recent.value, pageNow()));
 }
 
 /** The design's figures; the page does without where they cannot be had. */

@@ -1,15 +1,6 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
-import {
-  ahead,
-  aheadOfWall,
-  clockAfter,
-  monotonicOf,
-  setBack,
-  unknown,
-  type Came,
-  type Clock,
-} from "./clock";
+import { ahead, aheadOfWall, clockAfter, monotonicOf, unknown, type Clock } from "./clock";
 import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { Draft } from "./job-kinds";
 import type { ControlLost } from "./lease";
@@ -169,10 +160,9 @@ const OLD_READING_MS = 1000;
 /** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
 const OLD_SEARCH_MS = 5000;
 
-/** The state after a message. What was read of another set-up is gone with it. */
-export function receive(before: State, message: ServerMessage, came: Came): State {
-  const state = withPageSetBack(before, setBack(before.clock, came));
-  const next = received(state, message, came);
+/** The state after a message that came at `now` of this page's clock. What was read of another set-up is gone with it. */
+export function receive(state: State, message: ServerMessage, now: number): State {
+  const next = received(state, message, now);
   const at = setUpAt(next.bench);
   const anew = at !== setUpAt(state.bench);
   if (!anew && message.type !== "snapshot") return next;
@@ -182,26 +172,12 @@ export function receive(before: State, message: ServerMessage, came: Came): Stat
   return { ...next, reading: ofThis(next.reading), missing: ofThis(next.missing), best };
 }
 
-/** The state once this page's clock was set back: what came before did so by it, too. */
-function withPageSetBack(state: State, byMs: number): State {
-  if (byMs === 0) return state;
-  const back = (at: number | null) => (at === null ? null : at - byMs);
-  return {
-    ...state,
-    readingAt: back(state.readingAt),
-    missingAt: back(state.missingAt),
-    pictureAt: back(state.pictureAt),
-    heardAt: back(state.heardAt),
-  };
-}
-
-function received(state: State, message: ServerMessage, came: Came): State {
-  const now = came.at;
+function received(state: State, message: ServerMessage, now: number): State {
   const heardOf = { ...state, heardAt: now, link: "open" as const };
   // Another start of the daemon: nothing of the old one holds.
   if (state.bootId !== null && message.boot_id !== state.bootId && message.type !== "snapshot")
     return heardOf;
-  const heard = { ...heardOf, clock: clockAfter(state.clock, message, came) };
+  const heard = { ...heardOf, clock: clockAfter(state.clock, message, now) };
   const seq = Math.max(message.seq, message.type === "snapshot" ? 0 : state.seq);
   switch (message.type) {
     case "snapshot":

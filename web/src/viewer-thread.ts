@@ -1,6 +1,8 @@
 // Where the viewer works: in a worker, or in the page itself where a worker cannot draw.
 
+import { pageNow } from "./page-clock";
 import type { Command, Report, Viewer } from "./viewer";
+import type { Word } from "./viewer-worker";
 
 /** After so many checks without a sign of life, a worker has none: checks, unlike clocks, stand still in a computer that
  *  sleeps. */
@@ -59,12 +61,14 @@ export class ViewerThread {
       this.silent = 0;
       this.report(event.data);
     };
+    tellClock(worker);
     return worker;
   }
 
   /** A worker that says nothing is none: without it there would be neither a picture nor a word of the daemon. */
   private check(): void {
     this.silent += 1;
+    if (this.worker) tellClock(this.worker);
     if (this.silent < CHECKS || !this.worker) return;
     this.silent = 0;
     this.worker.terminate();
@@ -73,4 +77,8 @@ export class ViewerThread {
     for (const command of this.standing.values()) this.worker.postMessage(command);
     this.restarted();
   }
+}
+
+function tellClock(worker: Worker): void {
+  worker.postMessage({ do: "clock", at: pageNow() } satisfies Word);
 }

@@ -1,7 +1,7 @@
 // What keeps the connection and draws its pictures: told what to do, and reporting what came. It knows nothing of the
 // page, so that it can work in a worker, where nothing that the page does delays a picture.
 
-import { clockAfter, sentAt, unknown, type Came, type Clock } from "./clock";
+import { clockAfter, sentAt, unknown, type Clock } from "./clock";
 import { range } from "./field-map";
 import { Live } from "./live";
 import type { Marks } from "./marks";
@@ -42,7 +42,7 @@ export type Report =
   /** Now and then, whatever else there is to report. */
   | { is: "alive" }
   | { is: "link"; link: Link; nextAt: number | null }
-  | { is: "message"; message: ServerMessage; came: Came }
+  | { is: "message"; message: ServerMessage; cameAt: number }
   /** A picture has been drawn. */
   | { is: "picture"; facts: PictureFacts; size: Size; sentAt: number }
   | { is: "map"; map: MapFacts }
@@ -68,9 +68,9 @@ export class Viewer {
     const scheme = location.protocol === "https:" ? "wss" : "ws";
     this.live = new Live(`${scheme}://${location.host}/api/v1/ws`, {
       link: (link, nextAt) => report({ is: "link", link, nextAt }),
-      message: (message, came) => {
-        this.clock = clockAfter(this.clock, message, came);
-        report({ is: "message", message, came });
+      message: (message, cameAt) => {
+        this.clock = clockAfter(this.clock, message, cameAt);
+        report({ is: "message", message, cameAt });
       },
       picture: async (picture, cameAt) => {
         const { facts } = picture;

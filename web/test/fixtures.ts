@@ -1,5 +1,4 @@
 import type { Told } from "../src/clock";
-import { receive as receiveCome, type State } from "../src/state";
 import type {
   Bench,
   Combined,
@@ -13,10 +12,6 @@ import type {
 } from "../src/wire";
 
 export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
-
-/** The state after a message that came at a moment of a page's clock, ms, which nobody sets. */
-export const receive = (state: State, message: ServerMessage, at: number) =>
-  receiveCome(state, message, { at, wallMs: 0 });
 
 /** What the daemon says of its clocks where its wall clock is `setMs` ahead of the one that nobody sets. */
 export const told = (now: string, setMs = 0): Told => ({

@@ -3,18 +3,10 @@ import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
 import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
 import { best, reading as readingIn } from "../src/reading";
-import { initial, receiveReading, type State } from "../src/state";
+import { initial, receive, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
 import { toneNow } from "../src/tone";
-import {
-  bench as snapshotBench,
-  boot,
-  design,
-  frameReading,
-  measurement,
-  receive,
-  snapshot,
-} from "./fixtures";
+import { bench as snapshotBench, boot, design, frameReading, measurement, snapshot } from "./fixtures";
 
 describe("the meter's scale", () => {
   it("has the target in the middle, the ends at its ends, and keeps what is beyond at the end", () => {

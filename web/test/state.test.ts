@@ -9,7 +9,7 @@ import {
   newsOfReset,
   pictureAge,
   pictureState,
-  receive as receiveCome,
+  receive,
   receivePicture,
   receiveReading,
   remember,
@@ -28,7 +28,6 @@ import {
   lostReading,
   measurement,
   picture,
-  receive,
   refusedReading,
   snapshot,
   told,
@@ -124,16 +123,6 @@ describe("the picture", () => {
     expect(pictureState(raw, 7000 + STALE_MS - 99)).toBe("stale");
     // After an hour in the background the next is not waited for as long.
     expect(pictureState(depth(state, 3_600_000), 3_600_000 + 27_001)).toBe("stale");
-  });
-
-  it("is no younger once this page's clock was set back", () => {
-    const tick = (second: number) =>
-      ({ type: "tick", seq: 6, boot_id: boot, ...told(`2026-01-01T00:00:0${second}Z`) }) as const;
-    const shown = receivePicture(open(), picture, 2000, 2000);
-    const before = receiveCome(shown, tick(0), { at: 2000, wallMs: 0 });
-    const after = receiveCome(before, tick(1), { at: 3000 - 60_000, wallMs: -60_000 });
-    expect([pictureAge(before, 3000), pictureAge(after, 3000 - 60_000)]).toEqual([1100, 1100]);
-    expect(after.heardAt).toBe(3000 - 60_000);
   });
 
   it("is stale at once when the link is lost, and none before the first", () => {

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { initial, receiveReading, turnOf, type State } from "../src/state";
+import { initial, receive, receiveReading, turnOf, type State } from "../src/state";
 import { toneNow, toneOf } from "../src/tone";
-import { frameReading, job, lostReading, receive, snapshot } from "./fixtures";
+import { frameReading, job, lostReading, snapshot } from "./fixtures";
 
 const off = (differencePx: number, direction: "larger" | "smaller" | "there" | "unsure") =>
   toneOf({ differencePx, direction });

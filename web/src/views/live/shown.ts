@@ -6,6 +6,7 @@ import { correction } from "../../correction";
 import { signed } from "../../format";
 import { steadyDigits } from "../../meter";
 import { needle } from "../../needle";
+import { pageNow } from "../../page-clock";
 import { isOfOne, type Missing, type Reading } from "../../reading";
 import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
@@ -49,7 +50,7 @@ function moved(state: State): Moved {
 export function useNewest(given: Given): Given {
   const [, draw] = useState({});
   useEffect(() => needle.follow(() => draw({})), []);
-  return { ...given, state: given.newest(), now: Date.now() };
+  return { ...given, state: given.newest(), now: pageNow() };
 }
 
 /** What the meter says; a figure keeps its number of decimals while its uncertainty only just calls for others. */
