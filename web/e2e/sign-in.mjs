@@ -72,7 +72,9 @@ try {
   await page.goto(address);
   await page.locator(".who", { hasText: "one-time link" }).waitFor({ timeout: 60_000 });
 
-  step("signed out, nothing is left on the screen, and the link is dead");
+  step("signed out, nothing is left on the screen, control is given back, and the link is dead");
+  await page.getByRole("button", { name: "Take control" }).click();
+  await page.locator(".lease[data-lease=mine]").waitFor();
   await page.locator("#sign-out").click();
   await page.locator("#sign-in").waitFor();
   assert.equal(await page.locator(".axes").count(), 0);
@@ -89,6 +91,7 @@ try {
   await page.locator("#sign-in input").fill(token.trim());
   await page.locator("#sign-in button").click();
   await page.locator(".who", { hasText: "Vera" }).waitFor({ timeout: 10_000 });
+  await page.locator(".lease[data-lease=free]").waitFor();
 
   step("who may only look is offered no command");
   await page.locator(".axes", { hasText: "You may look and stop" }).waitFor();
@@ -123,6 +126,12 @@ try {
     env,
     stdio: ["ignore", "pipe", "ignore"],
   });
+  await page.locator("#sign-in input").fill(admin.toString().trim());
+  await page.locator("#sign-in button").click();
+  await page.getByRole("button", { name: "Take control" }).click();
+  await page.locator(".lease[data-lease=mine]").waitFor();
+  await page.context().clearCookies();
+  await page.reload();
   const answer = await fetch(new URL("api/v1/tokens", address), {
     method: "POST",
     headers: { authorization: `Bearer ${admin.toString().trim()}`, "content-type": "application/json" },
@@ -136,6 +145,8 @@ try {
   await page.locator("#sign-in input").fill((await answer.json()).secret);
   await page.locator("#sign-in button").click();
   await page.locator(".who", { hasText: "Brief" }).waitFor({ timeout: 10_000 });
+  // Another had control on this page, and has it still: not who may only look.
+  await page.locator(".lease[data-lease=others]").waitFor();
   const over = page.locator("#out", { hasText: /token of Brief has expired, .*\d:\d\d/ });
   await over.waitFor({ timeout: 20_000 });
   assert.equal(await page.locator(".axes, #stop").count(), 0);

@@ -136,10 +136,7 @@ const done = (problem: Problem | null): Result<null> =>
   problem ? { ok: false, problem } : { ok: true, value: null };
 export const takeLease = async () => done(await lease.take());
 export const takeOverLease = async () => done(await lease.takeOver());
-export const releaseLease = async () => {
-  await lease.release();
-  return done(null);
-};
+export const releaseLease = async () => done(await lease.release());
 
 export const stopAll = () =>
   request<StopReport>("POST", `${STOP}?${new URLSearchParams({ owner }).toString()}`);

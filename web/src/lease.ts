@@ -26,6 +26,8 @@ export interface ControlLost {
 export class LeaseKeeper {
   /** The lease that the daemon has said this page has, unless it was given back since. */
   private had: string | null = null;
+  /** The one that is being given back: that it is gone is no news. */
+  private returning: string | null = null;
   private timer: ReturnType<typeof setInterval> | null = null;
   /** By the clock that nobody sets, ms. */
   private renewedAt = 0;
@@ -61,7 +63,7 @@ export class LeaseKeeper {
   /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
   heard(lease: { id: string; owner: string } | null): "mine" | ControlLost | null {
     const had = this.had;
-    this.had = lease && this.isMine(lease) ? lease.id : null;
+    this.had = lease && this.isMine(lease) && lease.id !== this.returning ? lease.id : null;
     if (this.had !== null) return "mine";
     if (had === null) return null;
     const kept = this.storage.getItem(ID);
@@ -128,12 +130,21 @@ export class LeaseKeeper {
     return answer;
   }
 
-  /** Gives the lease back. */
-  async release(): Promise<void> {
-    const mine = this.key;
+  /** Gives the lease back; it is kept where the daemon does not take it, or does not answer. */
+  async release(): Promise<Problem | null> {
+    const [mine, had] = [this.key, this.had];
+    if (mine === null) return null;
+    this.returning = this.storage.getItem(ID);
     this.had = null;
+    const answer = await this.send("DELETE", "/api/v1/lease", undefined, mine);
+    this.returning = null;
+    if (this.key !== mine) return null;
+    if (!answer.ok && answer.problem.status !== 412) {
+      this.had = had;
+      return answer.problem;
+    }
     this.forget();
-    if (mine !== null) await this.send("DELETE", "/api/v1/lease", undefined, mine);
+    return null;
   }
 
   /**

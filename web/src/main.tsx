@@ -210,6 +210,11 @@ async function makeToken(token: TokenRequest): Promise<boolean> {
 }
 
 async function leave(): Promise<void> {
+  // Control is not for whoever signs in here next. While a job has it, it is kept: whoever comes back answers with it.
+  if (!state.bench?.lease?.job) {
+    const released = await api.releaseLease();
+    if (!released.ok) return update({ problem: released.problem });
+  }
   await signOut();
   await identify();
 }

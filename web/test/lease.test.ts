@@ -159,6 +159,29 @@ describe("the lease", () => {
     expect(beats(calls)).toBe(0);
   });
 
+  it("is not lost while it is being given back, whatever is still on its way", async () => {
+    const { send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    const mine = { id: "id1", owner: "Ana" };
+    expect(lease.heard(mine)).toBe("mine");
+    const given = lease.release();
+    expect([lease.heard(mine), lease.heard(null)]).toEqual([null, null]);
+    expect(await given).toBeNull();
+    expect(lease.heard({ id: "x", owner: "Ben" })).toBeNull();
+  });
+
+  it("is still had where it cannot be given back, and that is said", async () => {
+    const { state, send } = daemon();
+    const lease = keeper(send);
+    await lease.take();
+    expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
+    state.reachable = false;
+    expect((await lease.release())?.status).toBe(0);
+    expect(lease.isMine({ id: "id1" })).toBe(true);
+    expect(lease.heard(null)).toEqual({ to: null });
+  });
+
   it("is taken over from whoever has it", async () => {
     const { state, send } = daemon();
     state.key = "somebody's";

@@ -17,8 +17,9 @@ export function Lease({ state, act, now }: Given) {
   const bench = state.bench;
   if (!bench) return null;
   const lease = bench.lease ?? null;
-  const mine = api.lease.isMine(lease);
   const commanding = may(state, "control");
+  // Whoever signed in since may do less than whoever took it here.
+  const mine = commanding && api.lease.isMine(lease);
   const left = lease?.expires_at ? secondsLeft(lease.expires_at, state.clock, now) : null;
   const words =
     state.link !== "open"
