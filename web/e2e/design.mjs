@@ -181,8 +181,18 @@ try {
   await page.locator(".outcome-column[data-stale=true]").waitFor();
   assert(await page.locator("#save").isDisabled());
   await page.getByLabel("Inner radius").fill("wide");
-  await page.locator(".draft-field .fault", { hasText: "expected a number" }).waitFor();
+  await page.locator(".draft-field .fault", { hasText: "It is no number" }).waitFor();
   await page.getByLabel("Inner radius").fill("51");
+  await page.locator(".outcome-column[data-stale=false]").waitFor();
+
+  step("a look at another page loses nothing of the draft, not even what is no number");
+  await page.getByLabel("Pitch").fill("small");
+  await open(page, "History");
+  await page.goBack();
+  await holds(page.getByLabel("Inner radius"), "51");
+  await holds(page.getByLabel("Pitch"), "small");
+  await page.locator(".draft-field .fault", { hasText: "It is no number" }).waitFor();
+  await page.getByLabel("Pitch").fill("0.1");
   await page.locator(".outcome-column[data-stale=false]").waitFor();
 
   step("what the bench cannot reach is worked out, and not saved");

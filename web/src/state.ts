@@ -2,6 +2,7 @@
 
 import { ahead, aheadOfWall, clockAfter, monotonicOf, unknown, type Clock } from "./clock";
 import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
+import type { JsonObject } from "./config-schema";
 import type { Draft } from "./job-kinds";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
@@ -90,6 +91,8 @@ export interface State {
   /** The job that somebody puts together on this page; null while nobody has begun to. */
   drafted: Draft | null;
   /** When the newest reset was that has been read and dismissed. */
+  /** The camera that somebody drafts on this page, and the configuration over which; null while nobody has begun to. */
+  draftedCamera: { draft: JsonObject; over: JsonObject } | null;
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
   stopSent: Pick<StopReport, "focus" | "e" | "kept"> | null;
@@ -143,6 +146,7 @@ export const initial: State = {
   controlLost: null,
   drafted: null,
   resetSeen: null,
+  draftedCamera: null,
   stopSent: null,
   route: routeOf(""),
   preferences: standard,

@@ -61,7 +61,9 @@ function Field({ field, base, edited, faults, unit, set }: Props & { field: Draf
   const { path } = field;
   const value = valueAt(edited, path);
   const put = (value: Json) => set(withValue(edited, path, value));
-  const wrong = faults.filter((fault) => fault.key === path);
+  // What is no number is told in the page's words: the daemon's are a parser's.
+  const noNumber = field.is === "number" && typeof value === "string";
+  const wrong = noNumber ? [] : faults.filter((fault) => fault.key === path);
   const name = strings.design.field[path] ?? path;
   const id = `draft-${path}`;
   if (field.is === "choice") {
@@ -87,12 +89,17 @@ function Field({ field, base, edited, faults, unit, set }: Props & { field: Draf
         value={value}
         measure={field.measure}
         unit={unit}
-        wrong={wrong.length > 0}
+        wrong={noNumber || wrong.length > 0}
         set={put}
       />
       <span class="unit quiet" aria-hidden="true">
         {unitOf(field.measure, unit)}
       </span>
+      {noNumber && (
+        <p class="fault" role="alert" id={`${id}-fault`}>
+          {String(value).trim() === "" ? strings.form.needed : strings.form.noNumber}
+        </p>
+      )}
       {wrong.map((fault) => (
         <p class="fault" role="alert" lang="en" id={`${id}-fault`} key={fault.message}>
           {reworded(fault.message, unit)}

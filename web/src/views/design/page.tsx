@@ -23,11 +23,11 @@ type Comparison = (typeof COMPARISONS)[number];
 
 /** What a camera would come to. */
 export function DesignPage(given: Given) {
-  const { state, update, load } = given;
+  const { state, newest: stateNow, update, load } = given;
   const [inForce, setInForce] = useState<Draft | null>(null);
   const [preset, setPreset] = useState<Draft | null>(null);
   const [shown, setShown] = useState<Draft | null>(null);
-  const [edited, edit] = useState<JsonObject | null>(null);
+  const [edited, edit] = useState<JsonObject | null>(state.draftedCamera?.draft ?? null);
   const [faults, setFaults] = useState<ConfigFault[] | null>(null);
   const [working, setWorking] = useState(false);
   const [comparison, compare] = useState<Comparison>("nothing");
@@ -35,6 +35,11 @@ export function DesignPage(given: Given) {
   const connected = state.link === "open";
 
   const base = inForce?.config as JsonObject | undefined;
+  /** The draft stays where another page is looked at meanwhile. */
+  const put = (draft: JsonObject, over: JsonObject) => {
+    edit(draft);
+    update({ draftedCamera: { draft, over } });
+  };
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
@@ -47,7 +52,9 @@ export function DesignPage(given: Given) {
     void ask("in_force", (draft) => {
       const now = draft.config as JsonObject;
       // What has been edited stays so, over what is in force by now; the rest goes with it.
-      edit((before) => rebased(before, base ?? null, now));
+      const kept = stateNow().draftedCamera;
+      if (kept) put(rebased(kept.draft, kept.over, now), now);
+      else edit(now);
       setInForce(draft);
       setShown((before) => before ?? draft);
     });
@@ -104,10 +111,10 @@ export function DesignPage(given: Given) {
             waterIndex={shown.design.water_refractive_index}
             faults={faults ?? []}
             unit={unit}
-            set={edit}
+            set={(draft) => put(draft, base)}
           />
           <p class="actions">
-            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => edit(base)}>
+            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => put(base, base)}>
               {strings.design.reset}
             </button>
           </p>
