@@ -22,6 +22,7 @@ import type {
   DraftBase,
   Faults,
   Histogram,
+  FaultsChange,
   Job,
   JobCreated,
   JobList,
@@ -210,10 +211,33 @@ export const draftDesign = (base: DraftBase, sections: Sections) =>
 /** How the camera in force would be aligned. */
 export const plan = () => request<Plan>("POST", "/api/v1/plan", {});
 export const devices = () => request<Devices>("GET", "/api/v1/devices");
-export const faults = () => request<Faults>("GET", "/api/v1/simulation/faults");
+function withChange(now: Faults, change: FaultsChange): Faults {
+  const parts = Object.entries(now) as [keyof Faults, object][];
+  return Object.fromEntries(
+    parts.map(([part, of]) => [part, { ...of, ...change[part] }]),
+  ) as unknown as Faults;
+}
+
+const FAULTS = "/api/v1/simulation/faults";
+let before: Promise<unknown> = Promise.resolve();
+/** One after the other: what is read is of after the changes before, and no change undoes another. */
+function inTurn<T>(ask: () => Promise<T>): Promise<T> {
+  const next = before.then(ask);
+  before = next;
+  return next;
+}
+const readFaults = () => request<Faults>("GET", FAULTS);
 /** What is not named goes right. */
-export const setFaults = (faults: Partial<Faults>) =>
-  request<Faults>("PUT", "/api/v1/simulation/faults", faults);
+const setFaults = (faults: Partial<Faults>) => request<Faults>("PUT", FAULTS, faults);
+
+export const faults = () => inTurn(readFaults);
+export const clearFaults = () => inTurn(() => setFaults({}));
+/** What is not named stays as it is by now, which others may have changed. */
+export const changeFaults = (change: FaultsChange) =>
+  inTurn(async () => {
+    const now = await readFaults();
+    return now.ok ? setFaults(withChange(now.value, change)) : now;
+  });
 export const config = () => exchange<ConfigView>("GET", "/api/v1/config");
 export const configSchema = () => request<unknown>("GET", "/api/v1/config/schema");
 export const checkConfig = (config: unknown) =>

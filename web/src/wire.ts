@@ -67,6 +67,8 @@ export type Faults = Schemas["Faults"];
 export type Light = Schemas["LightView"];
 export type LightControl = Schemas["LightControl"];
 export type ControlName = Schemas["ControlName"];
+/** Some of what goes wrong, part by part. */
+export type FaultsChange = { [Part in keyof Faults]?: Partial<Faults[Part]> };
 export type AutoExposure = Schemas["AutoExposureView"];
 export type Histogram = Schemas["HistogramView"];
 export type AuditList = Schemas["AuditList"];

@@ -5,7 +5,7 @@ import { numberOf } from "../../job-kinds";
 import { Newest } from "../../newest";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
-import type { AxisName, Faults as Wrong } from "../../wire";
+import type { AxisName, Faults as Wrong, FaultsChange } from "../../wire";
 import type { Given } from "../given";
 import { Choice, Toggle } from "../toggle";
 
@@ -34,7 +34,7 @@ export function Faults({ state, act, load }: Given) {
   const { unit } = state.preferences;
   const said = (mm: number) => inUnit(mm, unit);
   const allowed = able(state, "control");
-  const set = (change: Partial<Wrong>) => void act(shown(api.setFaults(change)));
+  const set = (change: FaultsChange) => void act(shown(api.changeFaults(change)));
   const { serial, camera, scene, disk } = wrong;
   const parts = [serial, camera, scene, disk, wrong.focus, wrong.e];
   const any = parts.some((part) => Object.values(part).some((value) => value && value !== "none"));
@@ -42,7 +42,12 @@ export function Faults({ state, act, load }: Given) {
     <section class="card faults" aria-label={words.title}>
       <h2>
         {words.title}
-        <button type="button" id="faults-none" disabled={!allowed || !any} onClick={() => set({})}>
+        <button
+          type="button"
+          id="faults-none"
+          disabled={!allowed || !any}
+          onClick={() => void act(shown(api.clearFaults()))}
+        >
           {words.good}
         </button>
       </h2>
@@ -53,13 +58,10 @@ export function Faults({ state, act, load }: Given) {
       <fieldset disabled={!allowed}>
         <legend>{words.camera}</legend>
         <p class="row">
-          <Toggle
-            on={camera.unplugged}
-            set={(unplugged) => set({ ...wrong, camera: { ...camera, unplugged } })}
-          >
+          <Toggle on={camera.unplugged} set={(unplugged) => set({ camera: { unplugged } })}>
             {words.unplugged}
           </Toggle>
-          <Toggle on={camera.frozen} set={(frozen) => set({ ...wrong, camera: { ...camera, frozen } })}>
+          <Toggle on={camera.frozen} set={(frozen) => set({ camera: { frozen } })}>
             {words.frozen}
           </Toggle>
         </p>
@@ -70,20 +72,17 @@ export function Faults({ state, act, load }: Given) {
             of={PICTURES}
             chosen={camera.picture}
             name={(picture) => words.pictures[picture]}
-            choose={(picture) => set({ ...wrong, camera: { ...camera, picture } })}
+            choose={(picture) => set({ camera: { picture } })}
           />
         </p>
       </fieldset>
       <fieldset disabled={!allowed}>
         <legend>{words.scene}</legend>
         <p class="row">
-          <Toggle
-            on={scene.tank_empty}
-            set={(tank_empty) => set({ ...wrong, scene: { ...scene, tank_empty } })}
-          >
+          <Toggle on={scene.tank_empty} set={(tank_empty) => set({ scene: { tank_empty } })}>
             {words.tankEmpty}
           </Toggle>
-          <Toggle on={scene.no_shell} set={(no_shell) => set({ ...wrong, scene: { ...scene, no_shell } })}>
+          <Toggle on={scene.no_shell} set={(no_shell) => set({ scene: { no_shell } })}>
             {words.noShell}
           </Toggle>
         </p>
@@ -91,39 +90,39 @@ export function Faults({ state, act, load }: Given) {
           label={words.bubbles}
           value={scene.bubbles}
           range={[0, 500, 1]}
-          set={(bubbles) => set({ ...wrong, scene: { ...scene, bubbles } })}
+          set={(bubbles) => set({ scene: { bubbles } })}
         />
         <Figure
           key={`displaced-${unit}`}
           label={words.displaced(unit)}
           value={said(scene.board_displaced_mm)}
           range={[said(-300), said(1000), "any"]}
-          set={(length) => set({ ...wrong, scene: { ...scene, board_displaced_mm: typedMm(length, unit) } })}
+          set={(length) => set({ scene: { board_displaced_mm: typedMm(length, unit) } })}
         />
         <Figure
           label={words.turned}
           value={scene.board_turned_mrad}
           range={[-300, 300, "any"]}
-          set={(board_turned_mrad) => set({ ...wrong, scene: { ...scene, board_turned_mrad } })}
+          set={(board_turned_mrad) => set({ scene: { board_turned_mrad } })}
         />
         <Figure
           key={`second-${unit}`}
           label={words.secondBoard(unit)}
           value={said(scene.second_board_mm)}
           range={[0, said(300), "any"]}
-          set={(length) => set({ ...wrong, scene: { ...scene, second_board_mm: typedMm(length, unit) } })}
+          set={(length) => set({ scene: { second_board_mm: typedMm(length, unit) } })}
         />
         <Figure
           key={`otherShell-${unit}`}
           label={words.otherShell(unit)}
           value={said(scene.shell_radius_mm)}
           range={[said(-20), said(200), "any"]}
-          set={(length) => set({ ...wrong, scene: { ...scene, shell_radius_mm: typedMm(length, unit) } })}
+          set={(length) => set({ scene: { shell_radius_mm: typedMm(length, unit) } })}
         />
       </fieldset>
       {AXES.map((axis) => {
         const of = wrong[axis];
-        const change = (part: Partial<typeof of>) => set({ ...wrong, [axis]: { ...of, ...part } });
+        const change = (part: Partial<typeof of>) => set({ [axis]: part });
         return (
           <fieldset key={axis} disabled={!allowed}>
             <legend>{words.axis[axis]}</legend>
@@ -167,16 +166,10 @@ export function Faults({ state, act, load }: Given) {
       <fieldset disabled={!allowed}>
         <legend>{words.serial}</legend>
         <p class="row">
-          <Toggle
-            on={serial.unplugged}
-            set={(unplugged) => set({ ...wrong, serial: { ...serial, unplugged } })}
-          >
+          <Toggle on={serial.unplugged} set={(unplugged) => set({ serial: { unplugged } })}>
             {words.unplugged}
           </Toggle>
-          <Toggle
-            on={serial.unpowered}
-            set={(unpowered) => set({ ...wrong, serial: { ...serial, unpowered } })}
-          >
+          <Toggle on={serial.unpowered} set={(unpowered) => set({ serial: { unpowered } })}>
             {words.unpowered}
           </Toggle>
         </p>
@@ -184,25 +177,25 @@ export function Faults({ state, act, load }: Given) {
           label={words.delay}
           value={serial.delay_ms}
           range={[0, 5000, 1]}
-          set={(delay_ms) => set({ ...wrong, serial: { ...serial, delay_ms } })}
+          set={(delay_ms) => set({ serial: { delay_ms } })}
         />
         <Figure
           label={words.lost}
           value={serial.lost_one_in}
           range={[0, 1_000_000, 1]}
-          set={(lost_one_in) => set({ ...wrong, serial: { ...serial, lost_one_in } })}
+          set={(lost_one_in) => set({ serial: { lost_one_in } })}
         />
         <Figure
           label={words.garbled}
           value={serial.garbled_one_in}
           range={[0, 1_000_000, 1]}
-          set={(garbled_one_in) => set({ ...wrong, serial: { ...serial, garbled_one_in } })}
+          set={(garbled_one_in) => set({ serial: { garbled_one_in } })}
         />
       </fieldset>
       <fieldset disabled={!allowed}>
         <legend>{words.disk}</legend>
         <p class="row">
-          <Toggle on={disk.full} set={(full) => set({ ...wrong, disk: { ...disk, full } })}>
+          <Toggle on={disk.full} set={(full) => set({ disk: { full } })}>
             {words.full}
           </Toggle>
         </p>
@@ -210,7 +203,7 @@ export function Faults({ state, act, load }: Given) {
           label={words.slow}
           value={disk.delay_ms}
           range={[0, 5000, 1]}
-          set={(delay_ms) => set({ ...wrong, disk: { ...disk, delay_ms } })}
+          set={(delay_ms) => set({ disk: { delay_ms } })}
         />
       </fieldset>
     </section>
