@@ -16,11 +16,13 @@ export interface Advice {
   other: string | null;
 }
 
+/** `reaches` is whether an axis can go so far from where it is, mm. */
 export function advice(
   reading: Reading,
   correction: Correction | null,
   moved: Moved,
   unit: LengthUnit,
+  reaches: (moved: Moved, byMm: number) => boolean = () => true,
 ): Advice {
   const words = strings.meter;
   if (reading.direction === "there")
@@ -33,18 +35,19 @@ export function advice(
     return { main: words.twoBoards(larger ?? "", smaller ?? "", fixed(100 * share, 0)), other: null };
   }
   if (reading.direction === "unsure") return { main: words.unsureMore, other: null };
-  if (!correction) {
-    const way = reading.direction === "larger" ? words.farther : words.nearer;
-    return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };
-  }
+  const way = reading.direction === "larger" ? words.farther : words.nearer;
+  if (!correction) return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };
   const { deltaVMm, eMm } = correction;
   const apart = length(Math.abs(deltaVMm), unit, 4);
   if (moved === "e" && eMm !== null) {
+    const other = reaches("delta_v", deltaVMm) ? words.or(signedLength(deltaVMm, unit, 4)) : null;
+    if (!reaches("e", eMm)) return { main: words.pastTravel(way), other };
     const far = length(Math.abs(eMm), unit, 2);
     return {
       main: eMm > 0 ? words.away(far) : words.towards(far),
-      other: words.or(signedLength(deltaVMm, unit, 4)),
+      other,
     };
   }
+  if (!reaches("delta_v", deltaVMm)) return { main: words.pastTravel(way), other: null };
   return { main: deltaVMm > 0 ? words.grow(apart) : words.shrink(apart), other: null };
 }

@@ -35,6 +35,11 @@ export function span(ms: number): string {
   return seconds < 99.5 * 60 ? `${fixed(seconds / 60, 0)} min` : `${fixed(seconds / 3600, 0)} h`;
 }
 
+/** How old something is that is replaced several times a second: in milliseconds while that goes on. */
+export function age(ms: number): string {
+  return ms < 1999.5 ? `${fixed(ms, 0)} ms` : span(ms);
+}
+
 /** How long there is to wait, in words, rounded up. */
 export function wait(seconds: number): string {
   return seconds < 90 ? `${Math.ceil(seconds)} s` : `${Math.ceil(seconds / 60)} min`;

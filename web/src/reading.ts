@@ -141,6 +141,11 @@ export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
   return !["two_boards", "doubted", "levels"].includes(direction);
 }
 
+/** A reading that is of no one board; null where it is, or there is none. */
+export function ofSeveral(reading: Reading | null): Reading | null {
+  return reading && !isOfOne(reading) ? reading : null;
+}
+
 /** When the picture began that frames are combined of; what moves an axis leaves it as it was. */
 function pictureBegan(combined: Combined, capturedAt: number, before: Reading | null): number {
   const first = capturedAt - combined.spanMs;

@@ -338,6 +338,24 @@ describe("the advice", () => {
     expect(of(28.985, "e")).toEqual({ main: expect.stringMatching(/must grow/) as string, other: null });
   });
 
+  it("gives no distance that an axis cannot go", () => {
+    const seen = reading(measurement(19.78, 0.002));
+    const { deltaVMm, eMm } = correction(design, seen)!;
+    const by = { e: eMm, delta_v: deltaVMm };
+    const said = (moved: keyof typeof by, ...reached: (keyof typeof by)[]) => {
+      const { main, other } = advice(seen, correction(design, seen), moved, "mm", (axis, byMm) => {
+        expect(byMm).toBe(by[axis]);
+        return reached.includes(axis);
+      });
+      return `${main}; ${other}`;
+    };
+    const past = strings.meter.pastTravel("Δv or e must grow");
+    expect([said("e"), said("delta_v", "e")]).toEqual([`${past}; null`, `${past}; null`]);
+    expect(said("e", "delta_v")).toMatch(/^farther than the axis .*; or Δv by \+/);
+    expect(said("e", "e")).toMatch(/^Move the camera .*; null$/);
+    expect(said("delta_v", "delta_v")).toMatch(/^Move MLA and sensor /);
+  });
+
   it("says which way alone while the micro-images are not known", () => {
     const unknown = { ...reading(measurement(19.78, 0.002)), pitchPx: null };
     expect(correction(design, unknown)).toBeNull();

@@ -2,7 +2,7 @@ import { eyepiece } from "../../eyepiece";
 import { fixed, signed } from "../../format";
 import { lengthOf, type Region, type Ruler, type Tool } from "../../marks";
 import { digits } from "../../meter";
-import { isOfOne } from "../../reading";
+import { ofSeveral } from "../../reading";
 import { isMeterOld, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
@@ -55,14 +55,14 @@ function RegionSays({ region, state, now }: Pick<Given, "state" | "now"> & { reg
   const places = spacing ? digits(spacing.sigmaPx) : 0;
   const { reading, missing } = state;
   // What the meter has no figure for has none in a part of the frame either.
-  const none = reading && !isOfOne(reading) ? strings.meter.words[reading.direction] : null;
+  const several = ofSeveral(reading);
   const spacingOld = missing !== null || isMeterOld(state, now) || reading?.settled === false;
   const greyOld = pictureState(state, now) !== "fresh";
   return (
     <p class="facts measured" id="region">
       <b>{words.region(region.width, region.height, region.x, region.y)}</b>
-      {none !== null ? (
-        <span>{none}</span>
+      {several ? (
+        <span>{strings.meter.words[several.direction]}</span>
       ) : spacing ? (
         <span class="measured-part" data-old={spacingOld}>
           {spacingOld && <span class="tag old">{words.old}</span>}

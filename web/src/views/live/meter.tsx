@@ -2,7 +2,7 @@ import { tilt } from "../../correction";
 import { fixed, span } from "../../format";
 import { needle } from "../../needle";
 import { addressOf } from "../../route";
-import { isOfOne } from "../../reading";
+import { isOfOne, ofSeveral } from "../../reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../../set-up";
 import { jobUnderWay, may } from "../../state";
 import { strings } from "../../strings";
@@ -28,7 +28,7 @@ export function Meter(earlier: Given) {
   // What is of no one board is no figure to go by.
   const figure = now && isOfOne(now) ? now : null;
   if (!target) return <Nothing {...given} />;
-  const several = state.reading !== null && !isOfOne(state.reading);
+  const several = ofSeveral(state.reading) !== null;
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
     <section

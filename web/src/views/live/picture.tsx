@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { fixed, span } from "../../format";
+import { age, fixed, span } from "../../format";
 import { eyepiece, type Probe } from "../../eyepiece";
-import { isOfOne } from "../../reading";
+import { ofSeveral } from "../../reading";
 import { knowsMotion } from "../../set-up";
 import { overlaysOn } from "../../show";
 import { pictureAge, pictureState } from "../../state";
@@ -26,7 +26,7 @@ export function LivePicture(given: Props) {
   const { state, now } = given;
   const { tool } = eyepiece.marking;
   const shown = pictureState(state, now);
-  const age = pictureAge(state, now);
+  const ageMs = pictureAge(state, now);
   const facts = state.picture;
   const same = shown === "fresh" && facts !== null && facts.alike >= SAME;
   const camera = state.bench?.camera;
@@ -53,7 +53,7 @@ export function LivePicture(given: Props) {
         </span>
         {shown === "none" && <p class="over">{strings.picture.none}</p>}
         {same && <p class="over">{strings.picture.same(facts.alike)}</p>}
-        {shown === "stale" && age !== null && <p class="over">{strings.picture.stale(span(age))}</p>}
+        {shown === "stale" && ageMs !== null && <p class="over">{strings.picture.stale(span(ageMs))}</p>}
       </div>
       <Measured {...given} />
       <Overlays {...given} />
@@ -62,7 +62,7 @@ export function LivePicture(given: Props) {
         <Keeping {...given} />
       </div>
       <p class="facts">
-        {facts && age !== null && <span>{strings.picture.frame(facts.seq, fixed(age, 0))}</span>}
+        {facts && ageMs !== null && <span>{strings.picture.frame(facts.seq, age(ageMs))}</span>}
         {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
         {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
         {facts?.preview && <span class="tag">{strings.picture.preview}</span>}
@@ -126,7 +126,7 @@ function Legend({ state }: Given) {
   const map = eyepiece.newestMap;
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
-  const several = state.reading && !isOfOne(state.reading) ? state.reading : null;
+  const several = ofSeveral(state.reading);
   const end = (mm: number | null | undefined) =>
     typeof mm === "number" ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
   return (

@@ -42,8 +42,27 @@ export interface Shown {
 }
 
 /** Whether Δv is set by hand, or e. */
-function moved(state: State): Moved {
-  return state.bench?.shell === "off" ? "delta_v" : "e";
+function movedNow({ bench }: State): Moved {
+  return bench?.shell === "off" ? "delta_v" : "e";
+}
+
+/** What a reading calls for: nothing beside a job, which moves what it has to, nor where it may no longer be so. */
+function order(state: State, reading: Reading, old: boolean): Advice {
+  if (jobUnderWay(state)) return { main: strings.meter.job, other: null };
+  if (old) return { main: strings.meter.oldMore, other: null };
+  const { unit } = state.preferences;
+  const reaches = (moved: Moved, byMm: number) => canGo(state, moved, byMm);
+  return advice(reading, correction(state.design, reading), movedNow(state), unit, reaches);
+}
+
+/** Whether an axis can go so far from where it is, mm; where that is not known, nothing speaks against it. */
+function canGo({ bench }: State, moved: Moved, byMm: number): boolean {
+  const name = moved === "e" ? "e" : "focus";
+  const axis = bench?.axes.find(({ axis }) => axis === name);
+  if (!axis?.homed || typeof axis.position_mm !== "number") return true;
+  const at = axis.position_mm + byMm;
+  const wall = name === "e" ? (bench?.e_wall_mm ?? -Infinity) : -Infinity;
+  return at >= Math.max(axis.low_limit_mm, wall) && at <= axis.high_limit_mm;
 }
 
 /** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
@@ -60,18 +79,15 @@ export function useShown({ state, now }: Given): Shown {
   // What was read before it was lost is no reading of what there is now.
   const reading = missing?.is === "lost" ? null : state.reading;
   if (reading) held.places = steadyDigits(reading.sigmaPx, held.places);
-  // What a job moves is up to it: what is shown beside it is no order.
-  const wanted = jobUnderWay(state)
-    ? { main: strings.meter.job, other: null }
-    : reading && advice(reading, correction(state.design, reading), moved(state), state.preferences.unit);
+  const old = isMeterOld(state, now);
   return {
     reading,
     missing,
     why: missing && whyMissing(missing, state),
-    old: isMeterOld(state, now),
+    old,
     ageMs: meterAge(state, now),
     difference: reading && isOfOne(reading) ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
     words: reading && (reading.inFocus ? strings.meter.sharp : strings.meter.words)[reading.direction],
-    wanted,
+    wanted: reading && order(state, reading, old),
   };
 }
