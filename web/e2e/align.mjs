@@ -311,7 +311,9 @@ try {
   );
   await open(page, "Alignment");
   await page.locator("#start").click();
-  await page.locator(".progress", { hasText: /about \d+ (s|min) left, not counting your part/ }).waitFor();
+  await page
+    .locator(".progress", { hasText: /about \d+ (s|min) left, not counting the operator’s part/ })
+    .waitFor();
   assert((await answer(page, (confirm) => confirm.click(), { timed: true })) >= 3);
   await page.locator(".job .outcome.converged").waitFor();
 
@@ -398,19 +400,17 @@ try {
   await page.locator("#start").click();
   await page.locator(".turn").waitFor();
   await open(page, "Live");
+  await page.locator(".picture").getByRole("button", { name: "Region" }).click();
+  await page.locator("#region [data-old=false]", { hasText: "grey" }).waitFor();
   daemon.process.kill("SIGKILL");
   await page.locator(".link[data-link=lost]").waitFor({ timeout: 10_000 });
   assert.equal(await page.locator(".picture").getAttribute("data-state"), "stale");
   await page.locator(".picture .over", { hasText: "STALE" }).waitFor();
   await page.locator(".retry", { hasText: /Trying again in \d s|Trying again…/ }).waitFor();
   await page.locator(".lease[data-lease=unclear]").waitFor();
+  await page.locator("#region [data-old=true]", { hasText: /OLD[^]*grey/ }).waitFor();
   await photograph(page, "lost");
 
-  step("a stop that is not delivered is told, large");
-  let undelivered = 0;
-  await page.locator("#region [data-old=true]", { hasText: /OLD[^]*grey/ }).waitFor();
-  page.on("requestfailed", (request) => {
-    if (new URL(request.url()).pathname === "/api/v1/stop") undelivered += 1;
   step("a clock of the browser's computer that is set back makes nothing younger");
   const age = async () =>
     Number(/STALE · (\d+) s old/.exec(await page.locator(".picture .over").innerText())?.[1]);
@@ -421,6 +421,10 @@ try {
   });
   await until(async () => (await age()) > before, "the picture grows no older");
 
+  step("a stop that is not delivered is told, large");
+  let undelivered = 0;
+  page.on("requestfailed", (request) => {
+    if (new URL(request.url()).pathname === "/api/v1/stop") undelivered += 1;
   });
   await page.locator("#stop").click();
   await page.locator(".stop-failed").waitFor({ timeout: 10_000 });

@@ -45,6 +45,23 @@ export async function meterAlone(page) {
   await page.locator("main[data-page=live]").waitFor();
 }
 
+/** An open explanation takes no press on STOP, wherever its word is on the screen. */
+async function stopsWhereverTheWordIs(page, word) {
+  for (const block of ["start", "center", "end"]) {
+    await word.evaluate((element, block) => element.scrollIntoView({ block }), block);
+    await drawn(page);
+    const covered = await page.evaluate(() => {
+      const stop = document.querySelector("#stop");
+      const { left, top, width, height } = stop.getBoundingClientRect();
+      const at = (x, y) => document.elementFromPoint(left + x * width, top + y * height);
+      const shares = [0.1, 0.5, 0.9];
+      return shares.flatMap((x) => shares.map((y) => at(x, y))).filter((element) => !stop.contains(element))
+        .length;
+    });
+    assert.equal(covered, 0, `the explanation covers STOP where its word is at the ${block}`);
+  }
+}
+
 /** Two boards where one should be: the meter says so with the spacing of each, calls nothing in focus and orders no move, on
  *  the page and by itself, until there is one again. */
 export async function twoBoards(page) {
@@ -303,6 +320,7 @@ export async function explained(page) {
   const box = await tip.boundingBox();
   assert(box.x >= 0 && box.x + box.width <= 360, JSON.stringify(box));
   await page.screenshot({ path: `${shots}/explained-360.png` });
+  await stopsWhereverTheWordIs(page, page.locator(".start [aria-expanded=true]"));
   await page.setViewportSize({ width: 1024, height: 900 });
   await page.locator("h1").click();
   await tip.waitFor({ state: "detached" });

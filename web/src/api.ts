@@ -6,6 +6,7 @@ import { LeaseKeeper } from "./lease";
 import { NAMELESS } from "./names";
 import { strings } from "./strings";
 import type { Sections } from "./water";
+import { NO_ANSWER } from "./wire";
 import type {
   AuditList,
   AutoExposure,
@@ -21,8 +22,8 @@ import type {
   Draft,
   DraftBase,
   Faults,
-  Histogram,
   FaultsChange,
+  Histogram,
   Job,
   JobCreated,
   JobList,
@@ -106,7 +107,7 @@ export async function rawFrame(): Promise<Result<{ file: Blob; about: About }>> 
 
 function unanswered(error: unknown): Problem {
   const detail = error instanceof Error ? error.message : String(error);
-  return { type: "about:blank", title: strings.noAnswer, status: 0, detail };
+  return { type: NO_ANSWER, title: strings.noAnswer, status: 0, detail };
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {

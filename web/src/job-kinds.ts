@@ -1,4 +1,4 @@
-// What each kind of job takes: the same rules as the daemon's, which has the last word.
+// What each kind of job takes: the rules are the daemon's, which has the last word.
 
 import { spoken } from "./language";
 import { strings } from "./strings";
@@ -134,6 +134,8 @@ export function check(draft: Draft, axes: Axis[], unit: LengthUnit): Checked {
     if (interval < least && !faults.interval_s)
       faults.interval_s = strings.form.interval(MOST_MEASUREMENTS, least);
   }
+  if (draft.kind === "focus_sweep" && request.from_mm !== undefined && request.from_mm === request.to_mm)
+    faults.to_mm = strings.form.nowhere;
   // FIELDS has for each kind what its request has, which the compiler cannot follow.
   return Object.keys(faults).length > 0
     ? { ok: false, faults }

@@ -20,6 +20,7 @@ import {
   type SpacingPoint,
   type Trail,
 } from "./trail";
+import { NO_ANSWER } from "./wire";
 import type {
   Bench,
   Design,
@@ -90,9 +91,9 @@ export interface State {
   controlLost: ControlLost | null;
   /** The job that somebody puts together on this page; null while nobody has begun to. */
   drafted: Draft | null;
-  /** When the newest reset was that has been read and dismissed. */
   /** The camera that somebody drafts on this page, and the configuration over which; null while nobody has begun to. */
   draftedCamera: { draft: JsonObject; over: JsonObject } | null;
+  /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
   stopSent: Pick<StopReport, "focus" | "e" | "kept"> | null;
@@ -145,8 +146,8 @@ export const initial: State = {
   made: null,
   controlLost: null,
   drafted: null,
-  resetSeen: null,
   draftedCamera: null,
+  resetSeen: null,
   stopSent: null,
   route: routeOf(""),
   preferences: standard,
@@ -196,6 +197,8 @@ function received(state: State, message: ServerMessage, now: number): State {
         jobs: message.jobs,
         ...withSnapshot(message.measurement ?? null, sceneOf(message.bench), heard.clock, now),
         axes: withAxes(state, message.bench, now),
+        // The daemon answers again: that it did not is over.
+        problem: state.problem?.type === NO_ANSWER ? null : state.problem,
         ...(message.boot_id === state.bootId ? {} : { picture: null, pictureAt: null, best: null }),
       };
     case "bench":

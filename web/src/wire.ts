@@ -16,6 +16,9 @@ import {
 } from "./gen/plenalign/v1/frame_pb";
 
 type Schemas = components["schemas"];
+/** The type of the problem that the daemon did not answer: of this page's own, as no answer has one. */
+export const NO_ANSWER = "urn:plenalign:page:no-answer";
+
 export type ServerMessage = Schemas["ServerMessage"];
 export type ViewerMessage = Schemas["ViewerMessage"];
 export type Bench = Schemas["BenchView"];
@@ -64,11 +67,11 @@ export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
 export type Devices = Schemas["DevicesFound"];
 export type Faults = Schemas["Faults"];
+/** Some of what goes wrong, part by part. */
+export type FaultsChange = { [Part in keyof Faults]?: Partial<Faults[Part]> };
 export type Light = Schemas["LightView"];
 export type LightControl = Schemas["LightControl"];
 export type ControlName = Schemas["ControlName"];
-/** Some of what goes wrong, part by part. */
-export type FaultsChange = { [Part in keyof Faults]?: Partial<Faults[Part]> };
 export type AutoExposure = Schemas["AutoExposureView"];
 export type Histogram = Schemas["HistogramView"];
 export type AuditList = Schemas["AuditList"];

@@ -32,6 +32,7 @@ describe("the form of a job", () => {
     expect(faults(sweep)).toEqual(["from_mm", "to_mm"]);
     expect(faults({ ...sweep, numbers: { from_mm: "-3", to_mm: "1" } })).toEqual(["from_mm"]);
     expect(faults({ ...sweep, numbers: { from_mm: "0", to_mm: "1", steps: "2.5" } })).toEqual(["steps"]);
+    expect(faults({ ...sweep, numbers: { from_mm: "1", to_mm: "1,0" } })).toEqual(["to_mm"]);
     expect(faults({ ...sweep, axis: "e", numbers: { from_mm: "20", to_mm: "x" } })).toEqual(["to_mm"]);
     expect(
       check(

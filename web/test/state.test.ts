@@ -16,7 +16,7 @@ import {
   STALE_MS,
   type State,
 } from "../src/state";
-import type { Bench, ServerMessage } from "../src/wire";
+import { NO_ANSWER, type Bench, type ServerMessage } from "../src/wire";
 import { bestAnew, reading as readingIn } from "../src/reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../src/set-up";
 import { along, axisScale } from "../src/travel";
@@ -95,6 +95,12 @@ describe("receive", () => {
     const fresh = receive(seen, snapshot(1, [], "other"), 3000);
     expect(fresh).toMatchObject({ bootId: "other", seq: 1, picture: null, jobs: [] });
     expect(receive(seen, snapshot(9), 3000).picture).toBe(picture);
+  });
+
+  it("forgets that the daemon did not answer once it does, and nothing else that went wrong", () => {
+    const problem = (type: string) => ({ type, title: "t", status: 0, detail: "d" });
+    const after = (type: string) => receive({ ...open(), problem: problem(type) }, snapshot(6), 0).problem;
+    expect([after(NO_ANSWER), after("about:blank")]).toEqual([null, problem("about:blank")]);
   });
 
   it("shows a problem that the daemon has with a message", () => {

@@ -62,6 +62,7 @@ export const settings: typeof en.settings = {
   tokenName: "Name",
   tokenScope: "Rechte",
   tokenExpires: "Endet",
+  tokenExpired: "Hat geendet",
   tokenNever: "nicht von selbst",
   tokenLast: "Zuletzt benutzt",
   tokenUnused: "nie",

@@ -122,7 +122,7 @@ export const job = {
   /** To whoever cannot confirm it. */
   operators: (step: number) => `The operator’s turn · no. ${step}`,
   progress: (step: number, of: number) => `step ${step} of about ${of}`,
-  left: (text: string) => `about ${text} left, not counting your part`,
+  left: (text: string) => `about ${text} left, not counting the operator’s part`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
   of: (name: string): string => (name === "delta_v_mm" ? "Δv" : "spacing"),
@@ -151,6 +151,7 @@ export const form = {
   needed: "It is needed.",
   noNumber: "It is no number: decimals take a point, thousands nothing.",
   notWhole: "It has to be a whole number.",
+  nowhere: "It ends where it begins.",
   outside: (low: string, high: string) => `It has to be within ${low} to ${high}.`,
   seconds: (value: number) => `${value} s`,
   axisNeeded: "At least one axis is needed.",

@@ -65,6 +65,7 @@ export const settings = {
   tokenName: "Name",
   tokenScope: "Scope",
   tokenExpires: "Ends",
+  tokenExpired: "Ended",
   tokenNever: "not by itself",
   tokenLast: "Last used",
   tokenUnused: "never",

@@ -150,7 +150,7 @@ function Rest({ draft, unit }: Omit<Props, "other">) {
         ))}
       </dl>
       {design.notices.map((notice) => (
-        <p class="notice" key={notice}>
+        <p class="notice" lang="en" key={notice}>
           {reworded(notice, unit)}
         </p>
       ))}

@@ -63,7 +63,7 @@ export function figures(report: Report, unit: LengthUnit): [string, string, "en"
       ),
     ],
     [words.step, reworded(report.shell_step_done, unit), "en"],
-    [words.design, report.design_origin],
+    [words.design, report.design_origin, "en"],
   ];
   const [x, y] = report.tilt_deg ?? [];
   if (typeof x === "number" && typeof y === "number") {

@@ -13,7 +13,7 @@ import { Choice } from "../toggle";
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 
 /** Who gets in. */
-export function Tokens({ act, load, state, makeToken }: Given) {
+export function Tokens({ act, load, state, now, makeToken }: Given) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
   const here = able(state, "admin");
   const [wanted, want] = useAsked<TokenRequest>(here);
@@ -27,6 +27,7 @@ export function Tokens({ act, load, state, makeToken }: Given) {
     );
   useEffect(() => void look(), [state.bootId]);
   const first = isFirst(state);
+  const lets = (token: Token) => letsIn(token, state, now);
   const make = async (token: TokenRequest) => {
     want(null);
     const made = await makeToken(token);
@@ -50,7 +51,8 @@ export function Tokens({ act, load, state, makeToken }: Given) {
               <br />
               <span class="quiet">
                 {strings.settings.tokenLast} {when(token.last_used_at, strings.settings.tokenUnused)} ·{" "}
-                {strings.settings.tokenExpires} {when(token.expires_at, strings.settings.tokenNever)}
+                {lets(token) ? strings.settings.tokenExpires : strings.settings.tokenExpired}{" "}
+                {when(token.expires_at, strings.settings.tokenNever)}
               </span>
             </span>
             <button
@@ -67,7 +69,10 @@ export function Tokens({ act, load, state, makeToken }: Given) {
       {asked && (
         <Ask
           key={asked.id}
-          question={[strings.settings.tokenSure(asked.name), ...losses(asked, tokens ?? [], state)].join(" ")}
+          question={[
+            strings.settings.tokenSure(asked.name),
+            ...losses(asked, (tokens ?? []).filter(lets), state),
+          ].join(" ")}
           yes={strings.settings.tokenYes}
           no={strings.settings.tokenNo}
           answer={(yes) => (yes ? void revoke(asked) : ask(null))}
@@ -108,12 +113,15 @@ function isFirst({ session }: State): boolean {
   return session !== null && session !== "stranger" && !session.demanded;
 }
 
-/** Who loses more by its end than a token. */
-function losses(token: Token, tokens: Token[], { session, clock }: State): string[] {
+/** Whether a token still lets somebody in, by the daemon's clock: the browser's may be wrong. */
+function letsIn({ expires_at: until }: Token, { clock }: State, now: number): boolean {
+  return !until || secondsLeft(until, clock, now) > 0;
+}
+
+/** Who loses more by its end than a token, of those that are valid. */
+function losses(token: Token, valid: Token[], { session }: State): string[] {
   const words = strings.settings;
   const mine = session !== null && session !== "stranger" && session.signed_in && session.name === token.name;
-  // By the daemon's clock: the browser's may be wrong.
-  const valid = tokens.filter(({ expires_at: until }) => !until || secondsLeft(until, clock, Date.now()) > 0);
   if (!valid.includes(token)) return [];
   const admins = valid.filter(({ scope }) => scope === "admin");
   return [
