@@ -267,6 +267,16 @@ try {
   await until(() => ana.page.evaluate(traced), "the chart of the axes begins empty");
   await photograph(ana.page, "reloaded");
 
+  step("a question about taking control over ends with the control that it was about");
+  await ana.page.locator(".lease[data-lease=mine]").waitFor();
+  await ben.page.getByRole("button", { name: "Take over…" }).click();
+  await ben.page.locator(".lease .ask").waitFor();
+  await ana.page.getByRole("button", { name: "Release control" }).click();
+  await ben.page.locator(".lease[data-lease=free]").waitFor();
+  await ana.page.getByRole("button", { name: "Take control" }).click();
+  await ben.page.locator(".lease[data-lease=others]", { hasText: "Take over…" }).waitFor();
+  assert.equal(await ben.page.locator(".lease .ask").count(), 0);
+
   step(
     "control is taken over, after a question, and the other is told at once: a button held down goes dead",
   );

@@ -11,7 +11,8 @@ import { useSettled } from "../settled";
 
 /** Who may move the axes; how to become it, and how to cease to be. */
 export function Lease({ state, act, now }: Given) {
-  const [asking, ask] = useAsked<true>(able(state, "admin"));
+  // A question is of the lease that there was: whoever takes control later is not asked about unasked.
+  const [asked, ask] = useAsked<string>(able(state, "admin"));
   // Where control is taken it is given back, too.
   const settled = useSettled(state.bench?.lease?.id ?? "free");
   const bench = state.bench;
@@ -20,6 +21,7 @@ export function Lease({ state, act, now }: Given) {
   const commanding = may(state, "control");
   // Whoever signed in since may do less than whoever took it here.
   const mine = commanding && api.lease.isMine(lease);
+  const asking = lease !== null && asked === lease.id;
   const left = lease?.expires_at ? secondsLeft(lease.expires_at, state.clock, now) : null;
   const words =
     state.link !== "open"
@@ -58,7 +60,7 @@ export function Lease({ state, act, now }: Given) {
         </button>
       )}
       {lease !== null && !mine && able(state, "admin") && !asking && (
-        <button type="button" onClick={() => ask(true)}>
+        <button type="button" onClick={() => ask(lease.id)}>
           {strings.lease.takeOver}
         </button>
       )}
