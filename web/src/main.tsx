@@ -191,8 +191,11 @@ async function learnDesign(): Promise<void> {
 
 async function enter(key: string): Promise<Problem | null> {
   const problem = await signIn(key);
-  if (problem === null) await identify();
-  return problem;
+  if (problem !== null) return problem;
+  // What went wrong for whoever was here before is not said to the next one.
+  set({ ...state, problem: null });
+  await identify();
+  return null;
 }
 
 /** With the first token everybody is asked for one: this browser signs in with it before it is turned away. */
