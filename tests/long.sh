@@ -2,8 +2,8 @@
 # The long counts: the daemon killed at many random moments, its stop timed under load, jobs among faults, random sequences
 # of requests against a model of what may be true, every kind of job ended at each of its points and after every other, the
 # contract tried with many examples, cameras drawn at random and aligned, a study on a Slurm cluster whose tasks and nodes end
-# in its middle, a large camera aligned over the network, the reference bench aligned for many seeds, then benches of which
-# nothing is as configured; each result is kept, so that a broken run goes on where it ended.
+# in its middle, a network camera that loses packets, a large one aligned over the network, the reference bench aligned for
+# many seeds, then benches of which nothing is as configured; each result is kept, so that a broken run goes on where it ended.
 #
 #   tests/long.sh            kills and cameras 1 to 200, faults and sequences of seeds 1 to 300, every job, 200 examples,
 #                            benches 1 to 500, seeds 1 to 20
@@ -85,6 +85,16 @@ for job in $jobs; do
 done
 grep -hE '^([a-z_]+|[0-9]+ commands)[ (:].* ends' "$results"/points-*.log
 EXAMPLES=${EXAMPLES:-200} tests/schemathesis/run.sh
+# Minutes of a network camera whose packets are lost; those that are there already are not run again.
+result=$results/network-losses.log
+if [[ ! -s $result ]]; then
+  FRAMES=3000 tests/genicam/run.sh >"$result.part" 2>&1 || {
+    tail -n 60 "$result.part" >&2
+    exit 1
+  }
+  mv "$result.part" "$result"
+fi
+grep -h '^- with packets lost' "$result"
 # An alignment over the network with a camera of twelve million pixels; one that is there already is not run again.
 result=$results/network-camera.log
 if [[ ! -s $result ]]; then

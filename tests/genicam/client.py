@@ -1,9 +1,10 @@
 """What a daemon shows of Aravis's camera: its frames, sample for sample, its state, and what it counts.
 
-client.py ADDRESS online | fault WORDS | frames SECONDS | counted | devices
+client.py ADDRESS online | fault WORDS | frames COUNT | counted | devices
 """
 
 import concurrent.futures
+import itertools
 import json
 import struct
 import sys
@@ -86,11 +87,11 @@ def check_whole(png):
 
 
 def frames(count):
-    """So many frames, each looked at."""
+    """So many frames, each looked at; the next one is waited for."""
     end = time.monotonic() + PATIENCE_S
     seen = {}
     while len(seen) < count:
-        assert time.monotonic() < end, f"{len(seen)} frames in {PATIENCE_S} s"
+        assert time.monotonic() < end, f"none for {PATIENCE_S} s after {len(seen)} frames"
         try:
             headers, png = get("/api/v1/frame.png")
         except urllib.error.HTTPError as error:
@@ -103,7 +104,9 @@ def frames(count):
         assert headers["plenalign-simulated"] == "false", dict(headers)
         if seq not in seen:
             seen[seq] = check_whole(png)
-    assert len(set(seen.values())) == count, "the same picture again and again"
+            end = time.monotonic() + PATIENCE_S
+    pictures = list(seen.values())
+    assert all(one != other for one, other in itertools.pairwise(pictures)), "the same picture again"
     return len(seen)
 
 

@@ -1,6 +1,8 @@
 #!/usr/bin/env bash
 # The driver of GenICam cameras against Aravis's camera, which shares nothing with it. Camera and daemon are in two networks
 # of their own with one cable between them: nothing gets out of either.
+#
+#   FRAMES=20   so many frames are looked at while packets are lost
 set -euo pipefail
 cd "$(dirname "$0")"
 . ../daemon.sh
@@ -211,7 +213,7 @@ end_camera
 client fault "it does not answer"
 start_camera -r 10
 client online
-whole=$(client frames 20)
+whole=$(client frames "${FRAMES:-20}")
 lost=$(client counted)
 echo "- with packets lost: $whole frames shown, each whole; $lost were not, and counted"
 
