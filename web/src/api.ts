@@ -4,9 +4,8 @@ import { ConfirmKeys } from "./confirm-key";
 import type { About } from "./kept-picture";
 import { LeaseKeeper } from "./lease";
 import { NAMELESS } from "./names";
-import { strings } from "./strings";
+import { noAnswer } from "./no-answer";
 import type { Sections } from "./water";
-import { NO_ANSWER } from "./wire";
 import type {
   AuditList,
   AutoExposure,
@@ -81,7 +80,7 @@ async function exchange<T>(
     const etag = response.headers.get("etag");
     return { ok: true, value: value as T, ...(etag === null ? {} : { etag }) };
   } catch (error) {
-    return { ok: false, problem: unanswered(error) };
+    return { ok: false, problem: noAnswer(error) };
   }
 }
 
@@ -101,13 +100,8 @@ export async function rawFrame(): Promise<Result<{ file: Blob; about: About }>> 
     };
     return { ok: true, value: { file: await response.blob(), about } };
   } catch (error) {
-    return { ok: false, problem: unanswered(error) };
+    return { ok: false, problem: noAnswer(error) };
   }
-}
-
-function unanswered(error: unknown): Problem {
-  const detail = error instanceof Error ? error.message : String(error);
-  return { type: NO_ANSWER, title: strings.noAnswer, status: 0, detail };
 }
 
 function request<T>(method: string, path: string, body?: unknown, key?: string): Promise<Result<T>> {

@@ -1,6 +1,6 @@
 // Who one is to the daemon: asked, signed in, signed out. The session itself is a cookie that no script sees.
 
-import { strings } from "./strings";
+import { noAnswer } from "./no-answer";
 import type { Ended, Problem, Session } from "./wire";
 
 const PATH = "/api/v1/session";
@@ -55,8 +55,7 @@ export async function signIn(key: string): Promise<Problem | null> {
     });
     return response.ok ? null : ((await response.json()) as Problem);
   } catch (error) {
-    const detail = error instanceof Error ? error.message : String(error);
-    return { type: "about:blank", title: strings.noAnswer, status: 0, detail };
+    return noAnswer(error);
   }
 }
 

@@ -20,7 +20,7 @@ import {
   type SpacingPoint,
   type Trail,
 } from "./trail";
-import { NO_ANSWER } from "./wire";
+import { NO_ANSWER } from "./no-answer";
 import type {
   Bench,
   Design,

@@ -16,9 +16,6 @@ import {
 } from "./gen/plenalign/v1/frame_pb";
 
 type Schemas = components["schemas"];
-/** The type of the problem that the daemon did not answer: of this page's own, as no answer has one. */
-export const NO_ANSWER = "urn:plenalign:page:no-answer";
-
 export type ServerMessage = Schemas["ServerMessage"];
 export type ViewerMessage = Schemas["ViewerMessage"];
 export type Bench = Schemas["BenchView"];

@@ -16,7 +16,8 @@ import {
   STALE_MS,
   type State,
 } from "../src/state";
-import { NO_ANSWER, type Bench, type ServerMessage } from "../src/wire";
+import { NO_ANSWER } from "../src/no-answer";
+import type { Bench, ServerMessage } from "../src/wire";
 import { bestAnew, reading as readingIn } from "../src/reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../src/set-up";
 import { along, axisScale } from "../src/travel";

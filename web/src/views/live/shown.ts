@@ -57,12 +57,10 @@ function order(state: State, reading: Reading, old: boolean): Advice {
 
 /** Whether an axis can go so far from where it is, mm; where that is not known, nothing speaks against it. */
 function canGo({ bench }: State, moved: Moved, byMm: number): boolean {
-  const name = moved === "e" ? "e" : "focus";
-  const axis = bench?.axes.find(({ axis }) => axis === name);
+  const axis = bench?.axes.find(({ axis }) => axis === (moved === "e" ? "e" : "focus"));
   if (!axis?.homed || typeof axis.position_mm !== "number") return true;
   const at = axis.position_mm + byMm;
-  const wall = name === "e" ? (bench?.e_wall_mm ?? -Infinity) : -Infinity;
-  return at >= Math.max(axis.low_limit_mm, wall) && at <= axis.high_limit_mm;
+  return at >= axis.low_limit_mm && at <= axis.high_limit_mm;
 }
 
 /** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
