@@ -397,6 +397,40 @@ fn a_lost_spacing_is_acquired_anew() {
     assert!(meter.measure(&known.raw).is_ok());
 }
 
+/// Far from focus micro-images share little, and noise makes the iteration's steps go to and fro.
+#[test]
+fn a_spacing_far_from_focus_is_read_from_noisy_frames_of_few_micro_images() {
+    const SIDE: usize = 320;
+    const FRAMES: u64 = 40;
+    let design = Config::default().design();
+    let medium = Medium::Water { shell: design.shell, e: 30.0, decentre: [0.0; 2] };
+    let camera = CameraTruth::from_design(&design, design.joint(0.0).delta_v, medium, PIXEL_MM, SIDE, SIDE);
+    let texel = texel_for(&design, medium, 800.0, PIXEL_MM);
+    let scene = Scene::Board(Board::new(800.0, Arc::new(TextureMap::generate(Texture::Natural, texel, 5))));
+    let [diffuse, light] =
+        [&Scene::Diffuser, &scene].map(|scene| render(&camera, scene, RenderOptions { rays: 16, seed: 5 }));
+    let exposed = |light: &[f32], read_noise_levels: f64, seed: u64| {
+        expose(light, SIDE, SIDE, &Noise { read_noise_levels, ..Noise::default() }, seed)
+    };
+    let options = FrameOptions::new(MLA_PITCH_PX);
+    let white = WhiteModel::of(&exposed(&diffuse, 2.0, 1), &options).unwrap();
+    let meter = || LiveMeter::new(&white.grid, &white.vignetting, LiveOptions::new(MLA_PITCH_PX)).unwrap();
+    let truth_px = meter().acquire(&exposed(&light, 0.0, 1)).unwrap().on_axis_px;
+    let (mut followed, mut within) = (meter(), 0);
+    for seed in 1..=FRAMES {
+        let raw = exposed(&light, 6.0, seed);
+        let read = if seed == 1 { followed.acquire(&raw) } else { followed.measure(&raw) }.unwrap();
+        within += u64::from((read.on_axis_px - truth_px).abs() < 2.0 * read.sigma_px);
+        // Of a whole measurement the same is asked.
+        if seed % 5 == 0 {
+            let frame = prepare_frame(&raw, Some(&white), &options).unwrap().frame;
+            let full = measure_spacing(&[frame], &options.spacing).unwrap();
+            assert!((full.on_axis_px - read.on_axis_px).abs() < full.sigma_px, "{full:?}, {read:?}");
+        }
+    }
+    assert!(10 * within >= 9 * FRAMES, "{within} of {FRAMES} within 2σ");
+}
+
 #[test]
 fn impossible_options_are_refused() {
     let grid = Grid::affine(ArrayKind::Square, [209.3, 210.1], [[29.4, 0.1], [-0.1, 29.4]], [420, 420]);

@@ -4,6 +4,7 @@ use super::follow::Follower;
 use super::{LiveError, LiveOptions, LivePart, LiveSpacing};
 use crate::imaging::grid::Grid;
 use crate::imaging::matching::compare::ALONG;
+use crate::imaging::matching::damping::Damping;
 use crate::imaging::matching::exposure::Exposure;
 use crate::imaging::matching::gains::{Gains, Light};
 use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
@@ -43,7 +44,7 @@ const FINAL_STEP_PX: f64 = 0.02;
 const LEAST_SPARE: usize = 12;
 /// Most rounds of the clusters, and most passes over all pairs.
 const ROUNDS: usize = 12;
-const PASSES: usize = 6;
+const PASSES: usize = 12;
 
 /// Where the next frame starts.
 #[derive(Debug, Clone)]
@@ -248,6 +249,7 @@ impl Engine {
     ) -> Result<LiveSpacing, LiveError> {
         let from_px = model.spacings[0];
         let noise = (raw_noise * scale).max(QUANTISATION);
+        let mut damping = Damping::new(PASSES);
         for passes in 1..=PASSES {
             let shape = self.shape(model.spacings[0]);
             let before = model.clone();
@@ -262,14 +264,14 @@ impl Engine {
                 return Err(SpacingError::TooFewMicroImages { pairs, needed: LEAST_PAIRS }.into());
             }
             let Some(inverse) = normal.inverse() else { return Err(self.no_match(1, from_px, raw_noise)) };
-            let mut step = normal.step(&inverse);
+            let mut step = damping.damped(normal.step(&inverse));
             ended(LivePart::Equations);
             let largest = step.abs().sum();
             if largest > 1.0 {
                 step /= largest;
             }
             model.advance(&step);
-            if largest > FINAL_STEP_PX {
+            if largest > FINAL_STEP_PX && !normal.is_nothing(&before, &inverse, &step) {
                 continue;
             }
             let correlation = normal.contents.correlation();

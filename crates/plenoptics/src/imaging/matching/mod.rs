@@ -10,6 +10,7 @@
 //!   run.rs                    tile.rs -> compare.rs -> score.rs, in the cache
 //!            |
 //!   normal.rs                 one Newton step for the unknowns of model.rs; scatter between field blocks
+//!   damping.rs                where steps go to and fro, they are shortened
 //!            |
 //!   random.rs                 what pixel noise alone makes of it, from a sample
 //! ```
@@ -20,6 +21,7 @@
 //! *neighbour's* slope, whose noise is independent of the reference's: gradient energy without the noise's share.
 
 pub(super) mod compare;
+pub(super) mod damping;
 pub(super) mod exposure;
 pub(super) mod gains;
 pub(super) mod masks;

@@ -17,6 +17,8 @@ const USUAL_RESIDUAL: f64 = 0.8;
 const LEAST_DEMAND: f64 = 16.0;
 /// Texture that is surer than this is there.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
+/// Share of an unknown's standard uncertainty below which a step is none: in quadrature it adds a thousandth.
+const NOTHING: f64 = 0.05;
 /// Field blocks of a frame.
 const FRAME_BLOCKS: usize = BLOCKS * BLOCKS;
 
@@ -186,6 +188,12 @@ impl Normal {
     /// The step to the root of the gradient.
     pub(in crate::imaging) fn step(&self, inverse: &DMatrix<f64>) -> DVector<f64> {
         inverse * &self.gradient
+    }
+
+    /// Whether a step changes no unknown by more than a small part of what it is uncertain by.
+    pub(in crate::imaging) fn is_nothing(&self, model: &Model, inverse: &DMatrix<f64>, step: &DVector<f64>) -> bool {
+        let covariance = self.scatter(model, inverse, step);
+        step.iter().zip(covariance.diagonal().iter()).all(|(step, variance)| step.abs() <= NOTHING * variance.sqrt())
     }
 
     /// Covariance of the unknowns after `step` from the scatter of the gradient between field blocks: noise, and what the

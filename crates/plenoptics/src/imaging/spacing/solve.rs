@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector};
 
 use super::frame::SpacingFrame;
 use crate::imaging::matching::compare::BOTH;
+use crate::imaging::matching::damping::Damping;
 use crate::imaging::matching::model::Model;
 use crate::imaging::matching::normal::{Compared, Normal};
 use crate::imaging::matching::plan::Job;
@@ -71,7 +72,7 @@ impl<'a> Solver<'a> {
     }
 
     /// Iterates to the root of the gradient, at most `reach` px from the start. The normal equation that it leaves is the
-    /// one before the last step, which is shorter than `tolerance` (px).
+    /// one before the last step, which is shorter than `tolerance` (px), or nothing to what the unknowns are uncertain by.
     pub(super) fn iterate(&mut self, model: &mut Model, reach: f64, tolerance: f64, iterations: usize) -> Outcome {
         let start = model.spacings.clone();
         self.compare(model);
@@ -87,11 +88,12 @@ impl<'a> Solver<'a> {
             if largest > 1.0 {
                 step /= largest;
             }
+            let before = model.clone();
             model.advance(&step);
             if model.spacings.iter().zip(&start).any(|(now, then)| (now - then).abs() > reach) {
                 return Outcome::Lost;
             }
-            if largest < tolerance {
+            if largest < tolerance || self.normal.is_nothing(&before, &inverse, &step) {
                 return Outcome::Converged;
             }
             self.compare(model);
@@ -110,58 +112,5 @@ impl<'a> Solver<'a> {
             })
         };
         self.frames.iter().enumerate().map(|(k, frame)| of(k, frame)).sum()
-    }
-}
-
-/// Shortens steps that go to and fro.
-///
-/// Pairs are weighed by how well they match: where one of them is in doubt, steps may lead for ever from a state with it
-/// to one without and back. From half of the iterations on every step back has all that follow taken half as long.
-#[derive(Debug)]
-struct Damping {
-    iterations: usize,
-    done: usize,
-    factor: f64,
-    before: Option<DVector<f64>>,
-}
-
-impl Damping {
-    const fn new(iterations: usize) -> Self {
-        Self { iterations, done: 0, factor: 1.0, before: None }
-    }
-
-    /// The next step, as long as it is to be.
-    fn damped(&mut self, step: DVector<f64>) -> DVector<f64> {
-        let back = self.before.as_ref().is_some_and(|before| before.dot(&step) < 0.0);
-        if back && 2 * self.done >= self.iterations {
-            self.factor *= 0.5;
-        }
-        self.done += 1;
-        let damped = &step * self.factor;
-        self.before = Some(step);
-        damped
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn steps_to_and_fro_are_shortened_and_others_are_not() {
-        let step = |x: f64| DVector::from_vec(vec![x, 0.1 * x]);
-        let mut damping = Damping::new(20);
-        for k in 0..10 {
-            let there = if k % 2 == 0 { 1.0 } else { -1.0 };
-            assert_eq!(damping.damped(step(there)), step(there), "the first half of the iterations is free");
-        }
-        let lengths: Vec<f64> =
-            (0..8).map(|k| damping.damped(step(if k % 2 == 0 { 1.0 } else { -1.0 })).amax()).collect();
-        assert_eq!(lengths[..3], [0.5, 0.25, 0.125]);
-        assert!(lengths[7] < 0.005, "{lengths:?}");
-        let mut damping = Damping::new(4);
-        for _ in 0..4 {
-            assert_eq!(damping.damped(step(0.3)), step(0.3));
-        }
     }
 }
