@@ -232,7 +232,14 @@ try {
   assert(Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "it moved although it was told not to");
   await field.press("Enter");
   await ana.page.locator(".ask .primary").click();
+  await ana.page.locator(".axis[data-axis=focus] .tag", { hasText: "moving" }).waitFor();
+  // What moves already is not moved by a button that is held; that it moves is no news once it stands.
+  await press(ana.page, hold(ana.page, "focus", "low"));
+  const refused = ana.page.locator("header .problem", { hasText: "The axis is moving" });
+  await refused.waitFor();
+  await ana.page.mouse.up();
   await until(async () => (await position("focus")) > 4.4, "the move was not made");
+  await refused.waitFor({ state: "detached" });
   await until(async () => !(await bench()).axes.some((axis) => axis.moving), "the move does not end");
   await until(
     async () => (await ana.page.locator(".axes .tag", { hasText: "moving" }).count()) === 0,

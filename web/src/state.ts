@@ -21,6 +21,7 @@ import {
   type Trail,
 } from "./trail";
 import { NO_ANSWER } from "./no-answer";
+import { isOver } from "./over";
 import type {
   Bench,
   Design,
@@ -165,9 +166,10 @@ const OLD_READING_MS = 1000;
 /** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
 const OLD_SEARCH_MS = 5000;
 
-/** The state after a message that came at `now` of this page's clock. What was read of another set-up is gone with it. */
+/** The state after a message that came at `now` of this page's clock. What was read of another set-up is gone with it, and
+ *  so is a problem that is over. */
 export function receive(state: State, message: ServerMessage, now: number): State {
-  const next = received(state, message, now);
+  const next = withoutOver(received(state, message, now));
   const at = setUpAt(next.bench);
   const anew = at !== setUpAt(state.bench);
   if (!anew && message.type !== "snapshot") return next;
@@ -175,6 +177,11 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
     word && word.capturedAt >= at ? word : null;
   const best = anew ? null : next.best;
   return { ...next, reading: ofThis(next.reading), missing: ofThis(next.missing), best };
+}
+
+function withoutOver(state: State): State {
+  const { problem, bench } = state;
+  return problem && bench && isOver(problem, bench) ? { ...state, problem: null } : state;
 }
 
 function received(state: State, message: ServerMessage, now: number): State {

@@ -82,6 +82,8 @@ export type Session = Schemas["SessionView"];
 export type Problem = Pick<Schemas["Problem"], "type" | "title" | "status" | "detail"> & {
   /** What is wrong, key by key, where the kind has that. */
   problems?: ConfigFault[];
+  /** Which axis it is of, where it is of one. */
+  axis?: AxisName;
 };
 
 /** Why a token opens nothing any more. */

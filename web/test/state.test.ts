@@ -104,6 +104,27 @@ describe("receive", () => {
     expect([after(NO_ANSWER), after("about:blank")]).toEqual([null, problem("about:blank")]);
   });
 
+  it("forgets that an axis moved once that one stands, and not for another's sake", () => {
+    const problem = {
+      ...{ type: "urn:plenalign:problem:moving", title: "t", status: 409, detail: "d" },
+      axis: "focus" as const,
+    };
+    const [focus, e] = bench.axes as [Bench["axes"][0], Bench["axes"][0]];
+    const after = (focusMoves: boolean, eMoves: boolean) => {
+      const axes = [
+        { ...focus, moving: focusMoves },
+        { ...e, moving: eMoves },
+      ];
+      const message = { type: "bench", seq: 6, boot_id: boot, bench: { ...bench, axes } } as ServerMessage;
+      return receive({ ...open(), problem }, message, 0);
+    };
+    expect([after(true, true).problem, after(true, false).problem]).toEqual([problem, problem]);
+    expect(after(false, true).problem).toBeNull();
+    // Refused at its very end: no more comes of an axis that stands already.
+    const tick = { type: "tick", seq: 6, boot_id: boot } as ServerMessage;
+    expect(receive({ ...after(false, false), problem }, tick, 0).problem).toBeNull();
+  });
+
   it("shows a problem that the daemon has with a message", () => {
     const problem = { type: "urn:plenalign:problem:invalid", title: "t", status: 422, detail: "d" };
     expect(receive(open(), { type: "problem", seq: 5, boot_id: boot, problem }, 0).problem).toEqual(problem);
