@@ -7,6 +7,7 @@ import { Newest } from "../../newest";
 import { reworded, UNITS, type LengthUnit } from "../../units";
 import type { ConfigFault, Draft, DraftBase } from "../../wire";
 import type { Given } from "../given";
+import { useKept } from "../kept";
 import { Choice } from "../toggle";
 import { Curves } from "./curves";
 import { DraftFields } from "./fields";
@@ -27,7 +28,7 @@ export function DesignPage(given: Given) {
   const [inForce, setInForce] = useState<Draft | null>(null);
   const [preset, setPreset] = useState<Draft | null>(null);
   const [shown, setShown] = useState<Draft | null>(null);
-  const [edited, edit] = useState<JsonObject | null>(state.draftedCamera?.draft ?? null);
+  const [drafted, setDrafted] = useKept(given, "draftedCamera");
   const [faults, setFaults] = useState<ConfigFault[] | null>(null);
   const [working, setWorking] = useState(false);
   const [comparison, compare] = useState<Comparison>("nothing");
@@ -35,11 +36,7 @@ export function DesignPage(given: Given) {
   const connected = state.link === "open";
 
   const base = inForce?.config as JsonObject | undefined;
-  /** The draft stays where another page is looked at meanwhile. */
-  const put = (draft: JsonObject, over: JsonObject) => {
-    edit(draft);
-    update({ draftedCamera: { draft, over } });
-  };
+  const edited = drafted?.draft ?? base;
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
@@ -53,8 +50,7 @@ export function DesignPage(given: Given) {
       const now = draft.config as JsonObject;
       // What has been edited stays so, over what is in force by now; the rest goes with it.
       const kept = stateNow().draftedCamera;
-      if (kept) put(rebased(kept.draft, kept.over, now), now);
-      else edit(now);
+      if (kept) setDrafted({ draft: rebased(kept.draft, kept.over, now), over: now });
       setInForce(draft);
       setShown((before) => before ?? draft);
     });
@@ -111,10 +107,10 @@ export function DesignPage(given: Given) {
             waterIndex={shown.design.water_refractive_index}
             faults={faults ?? []}
             unit={unit}
-            set={(draft) => put(draft, base)}
+            set={(draft) => setDrafted({ draft, over: base })}
           />
           <p class="actions">
-            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => put(base, base)}>
+            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => setDrafted(null)}>
               {strings.design.reset}
             </button>
           </p>

@@ -17,6 +17,7 @@ import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Given } from "../given";
+import { useKept } from "../kept";
 import { Explained } from "../term";
 import { isPossible, PlanSummary, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
@@ -37,13 +38,10 @@ const PLANNED: JobKind[] = [
 ];
 
 /** Chooses a job, says what it will do, and starts it. */
-export function StartJob({ state, act, update }: Given) {
-  // Drawn at once with each key, and kept for when this page is come back to.
-  const [draft, draw] = useState<Draft>(state.drafted ?? draftOf("joint_alignment"));
-  const setDraft = (drafted: Draft) => {
-    draw(drafted);
-    update({ drafted });
-  };
+export function StartJob(given: Given) {
+  const { state, act } = given;
+  const [drafted, setDraft] = useKept(given, "drafted");
+  const draft = drafted ?? draftOf("joint_alignment");
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
   const [starting, setStarting] = useState(false);
