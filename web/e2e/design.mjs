@@ -232,6 +232,15 @@ try {
   await page.locator(".draft-field[data-changed=true]").waitFor();
   daemon.process.kill("SIGKILL");
   await daemon.ended;
+  await page.locator(".link[data-link=lost]").waitFor();
+  // What it had is there, marked, also for who comes back to it.
+  await open(page, "History");
+  await open(page, "Design");
+  await page.locator(".draft .tag.old", { hasText: /^OLD · / }).waitFor();
+  await page.locator(".outcome-column[data-stale=true] .tag.old").waitFor();
+  assert.match(await deltaV.innerText(), /^\+2\.205 mm$/);
+  await holds(page.getByLabel("Blur still sharp"), "0.04");
+  await photograph(page, "design-lost");
   daemon = start(place, new URL(address).host);
   await holds(page.getByLabel("Outer radius"), "70");
   await holds(page.getByLabel("Blur still sharp"), "0.04");

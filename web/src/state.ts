@@ -25,6 +25,7 @@ import { isOver } from "./over";
 import type {
   Bench,
   Design,
+  Draft as CameraDraft,
   Ended,
   FrameReading,
   Job,
@@ -94,6 +95,8 @@ export interface State {
   drafted: Draft | null;
   /** The camera that somebody drafts on this page, and the configuration over which; null while nobody has begun to. */
   draftedCamera: { draft: JsonObject; over: JsonObject } | null;
+  /** What cameras come to, as the daemon said last: those in force and of the paper, and what is edited as far as it could be. */
+  cameras: { inForce: CameraDraft | null; preset: CameraDraft | null; shown: CameraDraft | null };
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
@@ -148,6 +151,7 @@ export const initial: State = {
   controlLost: null,
   drafted: null,
   draftedCamera: null,
+  cameras: { inForce: null, preset: null, shown: null },
   resetSeen: null,
   stopSent: null,
   route: routeOf(""),

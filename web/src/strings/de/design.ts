@@ -5,6 +5,7 @@ import type * as en from "../en/design";
 export const design: typeof en.design = {
   title: "Auslegung",
   more: "Was sich für eine Kamera ergäbe. Durch Probieren ändert sich am Prüfstand nichts.",
+  unheard: "Die geltende Kamera ist erst bekannt, wenn der Dienst antwortet.",
   units: "Längen in",
   reset: "Zurück zur Konfiguration",
   working: "Wird berechnet…",

@@ -7,6 +7,7 @@ import type { DraftStateName } from "../../wire";
 export const design = {
   title: "Design",
   more: "What a camera would come to. Nothing is changed on the bench by trying.",
+  unheard: "The camera in force is not known before the daemon is heard.",
   units: "Lengths in",
   reset: "Back to the configuration",
   working: "Working it out…",

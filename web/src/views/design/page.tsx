@@ -2,12 +2,14 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import type { JsonObject } from "../../config-schema";
 import { count, difference, rebased } from "../../draft";
+import type { State } from "../../state";
 import { strings } from "../../strings";
 import { Newest } from "../../newest";
 import { reworded, UNITS, type LengthUnit } from "../../units";
 import type { ConfigFault, Draft, DraftBase } from "../../wire";
 import type { Given } from "../given";
 import { useKept } from "../kept";
+import { Old } from "../old";
 import { Choice } from "../toggle";
 import { Curves } from "./curves";
 import { DraftFields } from "./fields";
@@ -25,9 +27,7 @@ type Comparison = (typeof COMPARISONS)[number];
 /** What a camera would come to. */
 export function DesignPage(given: Given) {
   const { state, newest: stateNow, update, load } = given;
-  const [inForce, setInForce] = useState<Draft | null>(null);
-  const [preset, setPreset] = useState<Draft | null>(null);
-  const [shown, setShown] = useState<Draft | null>(null);
+  const [{ inForce, preset, shown }, setCameras] = useKept(given, "cameras");
   const [drafted, setDrafted] = useKept(given, "draftedCamera");
   const [faults, setFaults] = useState<ConfigFault[] | null>(null);
   const [working, setWorking] = useState(false);
@@ -37,6 +37,10 @@ export function DesignPage(given: Given) {
 
   const base = inForce?.config as JsonObject | undefined;
   const edited = drafted?.draft ?? base;
+  const learn = (part: Partial<State["cameras"]>) => {
+    // What was on its way when somebody signed out is not for the next one.
+    if (stateNow().session !== "stranger") setCameras({ ...stateNow().cameras, ...part });
+  };
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
@@ -51,22 +55,21 @@ export function DesignPage(given: Given) {
       // What has been edited stays so, over what is in force by now; the rest goes with it.
       const kept = stateNow().draftedCamera;
       if (kept) setDrafted({ draft: rebased(kept.draft, kept.over, now), over: now });
-      setInForce(draft);
-      setShown((before) => before ?? draft);
+      learn({ inForce: draft, shown: stateNow().cameras.shown ?? draft });
     });
-    void ask("preset", setPreset);
+    void ask("preset", (draft) => learn({ preset: draft }));
   }, [state.bootId, connected]);
 
   const changes = base && edited ? difference(base, edited) : {};
   useEffect(() => {
-    if (!edited || !base) return undefined;
-    setWorking(true);
+    setWorking(connected);
+    if (!edited || !base || !connected) return undefined;
     const timer = setTimeout(() => {
       void newest.of(api.draftDesign("in_force", changes)).then((result) => {
         if (result === null) return;
         setWorking(false);
         if (result.ok) {
-          setShown(result.value);
+          learn({ shown: result.value });
           setFaults(null);
         } else if ([409, 422].includes(result.problem.status)) {
           setFaults(result.problem.problems ?? [{ key: "", message: result.problem.detail }]);
@@ -76,21 +79,25 @@ export function DesignPage(given: Given) {
       });
     }, REST_MS);
     return () => clearTimeout(timer);
-  }, [edited, base]);
+  }, [edited, base, connected]);
 
-  if (!shown || !edited || !base) return null;
+  if (!shown || !edited || !base) return connected ? null : <Unheard />;
   const { unit } = state.preferences;
   const against = comparison === "in_force" ? inForce : comparison === "preset" ? preset : null;
   const other =
     against && comparison !== "nothing"
       ? { name: strings.design.compared[comparison], draft: against }
       : null;
-  const stale = faults !== null;
+  const wrong = faults !== null;
+  const stale = wrong || !connected;
   return (
     <div class="design-page">
       <div class="draft-column">
         <section class="card draft" aria-label={strings.design.title}>
-          <h2>{strings.design.title}</h2>
+          <h2>
+            {strings.design.title}
+            <Old {...given} />
+          </h2>
           <p class="quiet">{strings.design.more}</p>
           <p class="row">
             <span>{strings.design.units}</span>
@@ -114,12 +121,12 @@ export function DesignPage(given: Given) {
               {strings.design.reset}
             </button>
           </p>
-          <Save {...given} changes={changes} wrong={stale} working={working} obstacles={shown.obstacles} />
+          <Save {...given} changes={changes} wrong={wrong} working={working} obstacles={shown.obstacles} />
         </section>
-        <Summary draft={shown} unit={unit} stale={stale} results={RESULTS} />
+        <Summary draft={shown} unit={unit} wrong={wrong} stale={stale} results={RESULTS} />
       </div>
       <div class="column outcome-column" data-stale={stale} aria-busy={working}>
-        {stale && (
+        {faults && (
           <div class="notice wrong" role="alert">
             <p>{strings.design.impossible}</p>
             <Strays faults={faults} unit={unit} />
@@ -131,6 +138,7 @@ export function DesignPage(given: Given) {
             <span class="quiet" role="status">
               {working ? strings.design.working : ""}
             </span>
+            <Old {...given} />
           </h2>
           <p class="row compare-with">
             <span>{strings.design.compare}</span>
@@ -148,6 +156,16 @@ export function DesignPage(given: Given) {
         <Curves draft={shown} other={other} unit={unit} />
       </div>
     </div>
+  );
+}
+
+/** Where the daemon has not been heard since this page was opened. */
+function Unheard() {
+  return (
+    <section class="card" aria-label={strings.design.title}>
+      <h2>{strings.design.title}</h2>
+      <p>{strings.design.unheard}</p>
+    </section>
   );
 }
 

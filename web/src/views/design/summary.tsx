@@ -7,14 +7,16 @@ import { Explained } from "../term";
 interface Props {
   draft: Draft;
   unit: LengthUnit;
-  /** What is shown is not what the fields say. */
+  /** What the fields say is no camera. */
+  wrong: boolean;
+  /** What is shown is not what the fields say, or may not be. */
   stale: boolean;
   /** Where the rest of the results is. */
   results: string;
 }
 
 /** What a draft comes to in short, in sight of the fields where the results are below them. */
-export function Summary({ draft, unit, stale, results }: Props) {
+export function Summary({ draft, unit, wrong, stale, results }: Props) {
   const words = strings.design;
   const joint = draft.states.find(({ state }) => state === "joint");
   if (!joint) return null;
@@ -42,7 +44,7 @@ export function Summary({ draft, unit, stale, results }: Props) {
         ))}
       </dl>
       <p class="row">
-        <span class="quiet">{stale ? words.inShortOld : words.inShortMore}</span>
+        <span class="quiet">{wrong ? words.inShortOld : words.inShortMore}</span>
         <button type="button" onClick={show}>
           {words.allResults}
         </button>
