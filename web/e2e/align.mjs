@@ -287,6 +287,13 @@ try {
     .waitFor();
   const moves = page.locator(".axes .tag", { hasText: "moving" });
   await until(async () => (await moves.count()) === 0, "the axis does not come to rest");
+
+  step("and tells nothing to be moved while nothing can be");
+  await page.locator("#stop").click();
+  await page.locator(".meter .advice", { hasText: "Nothing can be moved: the bench is stopped" }).waitFor();
+  assert.doesNotMatch(await page.locator(".meter .advice").innerText(), /Move/);
+  await photograph(page, "advice-stopped");
+  await resetStop(page, "it was a test");
   await field.fill(there.toFixed(3));
   await field.press("Enter");
   await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });

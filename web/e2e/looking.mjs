@@ -116,7 +116,7 @@ async function saysTwo(meter) {
   assert.match(said, /≠/);
   assert.doesNotMatch(said, /✓|in focus|on target|Move |must (grow|shrink)|Tilt (below )?\d/i);
   const [, most, some] =
-    /the spacing is ([\d.]+) px over most of the picture and ([\d.]+) px over \d+ %/.exec(said);
+    /The spacing is ([\d.]+) px over most of the picture and ([\d.]+) px over \d+ %/.exec(said);
   assert.notEqual(most, some);
 }
 

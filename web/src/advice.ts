@@ -16,13 +16,17 @@ export interface Advice {
   other: string | null;
 }
 
-/** `reaches` is whether an axis can go so far from where it is, mm. */
+/** What hinders an axis now from going so far from where it is, mm, or from going at all where that is null; null where nothing
+ *  does. */
+export type Hinders = (moved: Moved, byMm: number | null) => string | null;
+
+/** What a reading calls for, of what can be done. */
 export function advice(
   reading: Reading,
   correction: Correction | null,
   moved: Moved,
   unit: LengthUnit,
-  reaches: (moved: Moved, byMm: number) => boolean = () => true,
+  hinders: Hinders = () => null,
 ): Advice {
   const words = strings.meter;
   if (reading.direction === "there")
@@ -35,19 +39,21 @@ export function advice(
     return { main: words.twoBoards(larger ?? "", smaller ?? "", fixed(100 * share, 0)), other: null };
   }
   if (reading.direction === "unsure") return { main: words.unsureMore, other: null };
-  const way = reading.direction === "larger" ? words.farther : words.nearer;
-  if (!correction) return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };
-  const { deltaVMm, eMm } = correction;
-  const apart = length(Math.abs(deltaVMm), unit, 4);
-  if (moved === "e" && eMm !== null) {
-    const other = reaches("delta_v", deltaVMm) ? words.or(signedLength(deltaVMm, unit, 4)) : null;
-    if (!reaches("e", eMm)) return { main: words.pastTravel(way), other };
+  const { deltaVMm, eMm } = correction ?? { deltaVMm: null, eMm: null };
+  const focus = hinders("delta_v", deltaVMm);
+  // With the shell off there is no e to be moved.
+  const e = moved === "e" ? hinders("e", eMm) : focus;
+  if (e !== null && focus !== null) return { main: e === focus ? e : `${e}. ${focus}`, other: null };
+  const way = (reading.direction === "larger" ? words.grows : words.shrinks)[moved];
+  if (deltaVMm === null) return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };
+  if (moved === "e" && e === null && eMm !== null) {
     const far = length(Math.abs(eMm), unit, 2);
-    return {
-      main: eMm > 0 ? words.away(far) : words.towards(far),
-      other,
-    };
+    const other = focus === null ? words.or(signedLength(deltaVMm, unit, 4)) : null;
+    return { main: eMm > 0 ? words.away(far) : words.towards(far), other };
   }
-  if (!reaches("delta_v", deltaVMm)) return { main: words.pastTravel(way), other: null };
-  return { main: deltaVMm > 0 ? words.grow(apart) : words.shrink(apart), other: null };
+  // How far e would have to go is not known.
+  if (focus !== null) return { main: `${focus}: ${way}`, other: null };
+  const apart = length(Math.abs(deltaVMm), unit, 4);
+  const array = deltaVMm > 0 ? words.grow(apart) : words.shrink(apart);
+  return { main: e === null ? array : `${e}. ${array}`, other: null };
 }

@@ -1,11 +1,15 @@
 import { describe, expect, it } from "vitest";
 import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
+import { hindrance } from "../src/hindrance";
 import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
 import { best, reading as readingIn } from "../src/reading";
 import { initial, receive, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
+import { strings as de } from "../src/strings/de";
+import { strings as en } from "../src/strings/en";
 import { toneNow } from "../src/tone";
+import type { Bench } from "../src/wire";
 import { bench as snapshotBench, boot, design, frameReading, measurement, snapshot } from "./fixtures";
 
 describe("the meter's scale", () => {
@@ -338,22 +342,61 @@ describe("the advice", () => {
     expect(of(28.985, "e")).toEqual({ main: expect.stringMatching(/must grow/) as string, other: null });
   });
 
-  it("gives no distance that an axis cannot go", () => {
+  it("gives no distance that an axis cannot go, and what can be done in its place once", () => {
     const seen = reading(measurement(19.78, 0.002));
     const { deltaVMm, eMm } = correction(design, seen)!;
     const by = { e: eMm, delta_v: deltaVMm };
+    const { past } = strings.meter.hindered;
     const said = (moved: keyof typeof by, ...reached: (keyof typeof by)[]) => {
       const { main, other } = advice(seen, correction(design, seen), moved, "mm", (axis, byMm) => {
         expect(byMm).toBe(by[axis]);
-        return reached.includes(axis);
+        return reached.includes(axis) ? null : past[axis];
       });
       return `${main}; ${other}`;
     };
-    const past = strings.meter.pastTravel("Δv or e must grow");
-    expect([said("e"), said("delta_v", "e")]).toEqual([`${past}; null`, `${past}; null`]);
-    expect(said("e", "delta_v")).toMatch(/^farther than the axis .*; or Δv by \+/);
+    expect(said("e")).toBe(`${past.e}. ${past.delta_v}; null`);
+    expect(said("delta_v", "e")).toBe(`${past.delta_v}; null`);
+    expect(said("e", "delta_v")).toMatch(
+      /^The e axis cannot go as far as it would have to\. Move MLA and sensor 0\.\d+ mm away from the lens; null$/,
+    );
     expect(said("e", "e")).toMatch(/^Move the camera .*; null$/);
     expect(said("delta_v", "delta_v")).toMatch(/^Move MLA and sensor /);
+  });
+
+  it("orders nothing while nothing can be moved, and says why", () => {
+    const { hindered } = strings.meter;
+    const of = (change: Partial<Bench>, spacing = 19.78) => {
+      const seen = reading(measurement(spacing, 0.002));
+      return advice(seen, correction(design, seen), "e", "mm", (moved, byMm) =>
+        hindrance({ ...snapshotBench, ...change }, moved, byMm),
+      );
+    };
+    expect(of({}).main).toMatch(/^Move the camera /);
+    const full = { history_fault: "the disk is full" };
+    // Far from the target, too, where no distance is told; on it no move is called for.
+    for (const spacing of [19.78, 28.985])
+      expect(of(full, spacing)).toEqual({ main: hindered.history, other: null });
+    expect(of(full, 19.7255).main).toMatch(/no move/);
+    expect(of({ stop: { latched: true } })).toEqual({ main: hindered.stopped, other: null });
+    const [focus, e] = snapshotBench.axes as [Bench["axes"][0], Bench["axes"][0]];
+    const gone = of({ axes: [focus, { ...e, connected: false }] });
+    expect(gone.main).toMatch(/^The e axis cannot be moved now\. Move MLA and sensor /);
+    for (const barred of [{ fault: "locked" }, { homed: false }])
+      expect(of({ axes: [{ ...focus, ...barred }, e] })).toMatchObject({ other: null });
+  });
+
+  it("begins each of its sentences as one, in each language", () => {
+    for (const { meter } of [en, de]) {
+      const { hindered, away, towards, grow, shrink } = meter;
+      const all = [
+        ...[meter.thereMore("1"), meter.unsureMore, meter.levelsMore, meter.doubtedMore("")],
+        ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],
+        ...[meter.grows, meter.shrinks, hindered.out, hindered.past].flatMap((of) => Object.values(of)),
+        ...[hindered.stopped, hindered.history],
+        ...[away, towards, grow, shrink].map((of) => of("1 mm")),
+      ];
+      expect(all.filter((text) => !/^(\p{Lu}|Δv )/u.test(text))).toEqual([]);
+    }
   });
 
   it("says which way alone while the micro-images are not known", () => {

@@ -108,12 +108,12 @@ export const meter: typeof en.meter = {
     doubted: "Vielleicht zwei Tafeln",
     levels: "Mehrere Stufen im Bild",
   },
-  thereMore: (px) => `innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
+  thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>
     `Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist${unresolved && `; das ging bisher nicht: ${unresolved}`}`,
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
-  unsureMore: "innerhalb 2 σ, aber für einen Auftrag zu unsicher",
+  unsureMore: "Innerhalb 2 σ, aber für einen Auftrag zu unsicher",
   twoBoards: (larger, smaller, percent) =>
     `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,
   job: "Ein Auftrag läuft: Was fährt, bestimmt er.",
@@ -126,10 +126,21 @@ export const meter: typeof en.meter = {
   grow: (length) => `MLA und Sensor ${length} von der Hauptlinse weg bewegen`,
   shrink: (length) => `MLA und Sensor ${length} zur Hauptlinse hin bewegen`,
   otherwise: (other) => `, ${other} (nach den Zahlen der Auslegung)`,
-  farther: "Δv oder e muss größer werden",
-  nearer: "Δv oder e muss kleiner werden",
-  tooFar: (way) => `zu weit vom Sollwert für eine Streckenangabe: ${way}`,
-  pastTravel: (way) => `weiter, als die Achse reicht: ${way}`,
+  grows: { e: "Δv oder e muss größer werden", delta_v: "Δv muss größer werden" },
+  shrinks: { e: "Δv oder e muss kleiner werden", delta_v: "Δv muss kleiner werden" },
+  tooFar: (way) => `Zu weit vom Sollwert für eine Streckenangabe: ${way}`,
+  hindered: {
+    stopped: "Nichts lässt sich verfahren: Der Prüfstand ist angehalten",
+    history: "Nichts lässt sich verfahren: Was geschieht, lässt sich nicht aufzeichnen",
+    out: {
+      e: "Die e-Achse lässt sich zurzeit nicht verfahren",
+      delta_v: "Die Fokusachse lässt sich zurzeit nicht verfahren",
+    },
+    past: {
+      e: "Die e-Achse reicht nicht so weit, wie sie müsste",
+      delta_v: "Die Fokusachse reicht nicht so weit, wie sie müsste",
+    },
+  },
   oldMore: "Das gilt vielleicht nicht mehr: vor jeder Bewegung eine neuere Messung abwarten.",
   ends: { smaller: "zu klein", larger: "zu groß" },
   best: (difference) => `Bestwert ${difference} px`,

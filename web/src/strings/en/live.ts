@@ -1,5 +1,6 @@
 // Words of the live page: picture, focus meter, charts.
 
+import type { Moved } from "../../advice";
 import type { Octant } from "../../correction";
 import type { Overlay, Preferences } from "../../preferences";
 import type { Direction, Missing } from "../../reading";
@@ -110,15 +111,15 @@ export const meter = {
     doubted: "Perhaps two boards",
     levels: "Several levels in view",
   } satisfies Record<Direction, string>,
-  thereMore: (px: string) => `within ± ${px} px, as a job accepts it: no move is called for`,
+  thereMore: (px: string) => `Within ± ${px} px, as a job accepts it: no move is called for`,
   /** `unresolved`: why no frame could be measured in whole, where none could. */
   doubtedMore: (unresolved: string) =>
-    `the spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole${unresolved && `; none could be: ${unresolved}`}`,
+    `The spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole${unresolved && `; none could be: ${unresolved}`}`,
   levelsMore:
-    "the spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
-  unsureMore: "within 2 σ, and too uncertain for a job to accept it",
+    "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
+  unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
-    `the spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,
+    `The spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,
   job: "A job is under way: what moves is up to it.",
   beingSetUp: "Being set up",
   beingSetUpMore:
@@ -129,10 +130,22 @@ export const meter = {
   grow: (length: string) => `Move MLA and sensor ${length} away from the lens`,
   shrink: (length: string) => `Move MLA and sensor ${length} towards the lens`,
   otherwise: (other: string) => `, ${other} (by the design's figures)`,
-  farther: "Δv or e must grow",
-  nearer: "Δv or e must shrink",
-  tooFar: (way: string) => `too far from the target for a distance: ${way}`,
-  pastTravel: (way: string) => `farther than the axis can go: ${way}`,
+  grows: { e: "Δv or e must grow", delta_v: "Δv must grow" } satisfies Record<Moved, string>,
+  shrinks: { e: "Δv or e must shrink", delta_v: "Δv must shrink" } satisfies Record<Moved, string>,
+  tooFar: (way: string) => `Too far from the target for a distance: ${way}`,
+  /** Why nothing can be moved, or an axis cannot. */
+  hindered: {
+    stopped: "Nothing can be moved: the bench is stopped",
+    history: "Nothing can be moved: what is done cannot be written down",
+    out: {
+      e: "The e axis cannot be moved now",
+      delta_v: "The focus axis cannot be moved now",
+    } satisfies Record<Moved, string>,
+    past: {
+      e: "The e axis cannot go as far as it would have to",
+      delta_v: "The focus axis cannot go as far as it would have to",
+    } satisfies Record<Moved, string>,
+  },
   oldMore: "This may no longer be so: wait for a newer reading before you move anything.",
   ends: { smaller: "too small", larger: "too large" },
   best: (difference: string) => `Best ${difference} px`,

@@ -2,6 +2,7 @@
 
 import { useEffect, useState } from "preact/hooks";
 import { advice, type Advice, type Moved } from "../../advice";
+import { hindrance } from "../../hindrance";
 import { correction } from "../../correction";
 import { signed } from "../../format";
 import { steadyDigits } from "../../meter";
@@ -51,16 +52,10 @@ function order(state: State, reading: Reading, old: boolean): Advice {
   if (jobUnderWay(state)) return { main: strings.meter.job, other: null };
   if (old) return { main: strings.meter.oldMore, other: null };
   const { unit } = state.preferences;
-  const reaches = (moved: Moved, byMm: number) => canGo(state, moved, byMm);
-  return advice(reading, correction(state.design, reading), movedNow(state), unit, reaches);
-}
-
-/** Whether an axis can go so far from where it is, mm; where that is not known, nothing speaks against it. */
-function canGo({ bench }: State, moved: Moved, byMm: number): boolean {
-  const axis = bench?.axes.find(({ axis }) => axis === (moved === "e" ? "e" : "focus"));
-  if (!axis?.homed || typeof axis.position_mm !== "number") return true;
-  const at = axis.position_mm + byMm;
-  return at >= axis.low_limit_mm && at <= axis.high_limit_mm;
+  const { bench } = state;
+  return advice(reading, correction(state.design, reading), movedNow(state), unit, (moved, byMm) =>
+    hindrance(bench, moved, byMm),
+  );
 }
 
 /** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
