@@ -18,6 +18,7 @@ import {
   photograph,
   program,
   render,
+  shots,
   start,
   step,
 } from "./harness.mjs";
@@ -163,6 +164,11 @@ try {
   const focus = page.locator(".axis[data-axis=focus]");
   await focus.locator(".tag", { hasText: "limit switch pressed" }).waitFor();
   assert.equal(await page.locator(".axis[data-axis=e] .leave-switch").count(), 0);
+  await open(page, "Alignment");
+  await page.locator(".start", { hasText: "The focus axis stands on a limit switch: move it off" }).waitFor();
+  assert(await page.locator("#start").isDisabled(), "what could not begin is offered");
+  await page.screenshot({ path: `${shots}/start-on-a-switch.png` });
+  await open(page, "Live");
   await focus.locator(".leave-switch").click();
   await focus.locator(".ask", { hasText: "which of its two limit switches is pressed" }).waitFor();
   await accessible(page);

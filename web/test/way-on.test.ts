@@ -1,4 +1,5 @@
 import { describe, expect, it } from "vitest";
+import { switched } from "../src/switched";
 import { wayOn } from "../src/way-on";
 import { bench, job } from "./fixtures";
 
@@ -36,5 +37,23 @@ describe("the way on from a job that ended early", () => {
     for (const state of ["running", "converged", "succeeded"] as const) {
       expect(wayOn(job("a", 1, state), holds)).toBeNull();
     }
+  });
+});
+
+describe("an axis on its limit switch", () => {
+  const at = (...pressed: ("focus" | "e")[]) => ({
+    ...bench,
+    axes: bench.axes.map((axis) => ({ ...axis, limit_switch: pressed.includes(axis.axis) })),
+  });
+
+  it("keeps every job that would move it from beginning, and no other", () => {
+    expect(switched(at("focus"), { kind: "joint_alignment" })).toEqual(["focus"]);
+    expect(switched(at("focus", "e"), { kind: "shell_only" })).toEqual(["focus", "e"]);
+    expect(switched(at(), { kind: "joint_alignment" })).toEqual([]);
+    expect(switched(at("e"), { kind: "focus_sweep", axis: "focus" })).toEqual([]);
+    expect(switched(at("e"), { kind: "focus_sweep", axis: "e" })).toEqual(["e"]);
+    expect(switched(at("e"), { kind: "homing", axes: ["focus"] })).toEqual([]);
+    expect(switched(at("e"), { kind: "homing" })).toEqual(["e"]);
+    expect(switched(at("focus", "e"), { kind: "spacing_watch" })).toEqual([]);
   });
 });

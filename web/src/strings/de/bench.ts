@@ -68,6 +68,8 @@ export const byHand: typeof en.byHand = {
     high: "Der am oberen Ende",
   },
   leaveNot: "Nicht fahren",
+  leaveFirst: (axis) =>
+    `${axis} steht auf einem Endschalter: zuerst auf der Seite „Live“ von ihm wegfahren oder Ref. anfahren.`,
   others: (owner) =>
     `${owner} hat die Bedienhoheit: Bis Sie sie haben, lässt sich von hier nichts verfahren.`,
   hint: "◀ oder ▶ gedrückt halten; beim Loslassen hält die Achse an.",

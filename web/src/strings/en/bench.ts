@@ -70,6 +70,8 @@ export const byHand = {
     high: "The one at the high end",
   } satisfies Record<Side, string>,
   leaveNot: "Don’t move",
+  leaveFirst: (axis: string) =>
+    `The ${axis} axis stands on a limit switch: move it off, or home it, on the page Live first.`,
   others: (owner: string) => `${owner} has control: nothing can be moved from here until you have it.`,
   hint: "Press and hold ◀ or ▶; letting go stops the axis.",
 };

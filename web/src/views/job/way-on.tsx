@@ -2,6 +2,7 @@ import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { able, may } from "../../state";
 import { strings } from "../../strings";
+import { switched } from "../../switched";
 import { wayOn } from "../../way-on";
 import type { Job, JobRequest } from "../../wire";
 import type { Given } from "../given";
@@ -14,7 +15,8 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   if (!bench || !on || !may(state, "control")) return null;
   const words = strings.wayOn;
   const free = api.lease.other(bench.lease) === null;
-  const ready = !starting && free && !bench.stop.latched && able(state, "control");
+  const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
+  const barring = [...new Set(on.ways.flatMap(({ request }) => switched(bench, request)))];
   const start = async (request: JobRequest) => {
     setStarting(true);
     await act(api.startJob(request));
@@ -28,6 +30,9 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
         {job.state === "interrupted" && bench.shell === "unknown" && <li>{words.shell}</li>}
         {on.airStep && <li>{words.airStep[on.airStep]}</li>}
         {bench.stop.latched && <li>{words.resetFirst}</li>}
+        {barring.map((axis) => (
+          <li key={axis}>{strings.byHand.leaveFirst(strings.axis.short[axis])}</li>
+        ))}
       </ul>
       <p class="actions">
         {on.ways.map(({ is, request }, index) => (
@@ -36,7 +41,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
             type="button"
             class={index === 0 ? "primary" : undefined}
             data-way={is}
-            disabled={!ready}
+            disabled={!ready || switched(bench, request).length > 0}
             title={strings.job.meaning[request.kind]}
             onClick={() => void start(request)}
           >

@@ -1,0 +1,31 @@
+// Axes that keep a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it.
+
+import type { AxisName, Bench, JobKind } from "./wire";
+
+/** What a job is asked for with, as far as it tells which axes it moves. */
+interface Asked {
+  kind: JobKind;
+  axis?: AxisName;
+  axes?: readonly AxisName[] | null;
+}
+
+/** The axes that a job moves. */
+function movedBy({ kind, axis, axes }: Asked): readonly AxisName[] {
+  switch (kind) {
+    case "spacing_watch":
+    case "calibration":
+      return [];
+    case "focus_sweep":
+      return axis ? [axis] : [];
+    case "homing":
+      return axes?.length ? axes : ["focus", "e"];
+    default:
+      return ["focus", "e"];
+  }
+}
+
+/** Those of them that stand on a limit switch, and have to be moved off it first. */
+export function switched(bench: Bench, asked: Asked): AxisName[] {
+  const pressed = bench.axes.filter((one) => one.connected && one.limit_switch).map(({ axis }) => axis);
+  return movedBy(asked).filter((axis) => pressed.includes(axis));
+}
