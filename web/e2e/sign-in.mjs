@@ -147,6 +147,8 @@ try {
   await page.locator(".who", { hasText: "Brief" }).waitFor({ timeout: 10_000 });
   // Another had control on this page, and has it still: not who may only look.
   await page.locator(".lease[data-lease=others]").waitFor();
+  assert.equal(await page.evaluate(() => sessionStorage.getItem("plenalign.lease.key")), null);
+  assert.equal(await page.locator(".control-lost").count(), 0, "it is told how another's control ended");
   const over = page.locator("#out", { hasText: /token of Brief has expired, .*\d:\d\d/ });
   await over.waitFor({ timeout: 20_000 });
   assert.equal(await page.locator(".axes, #stop").count(), 0);

@@ -147,6 +147,17 @@ export class LeaseKeeper {
     return null;
   }
 
+  /** Whoever had it has left: what becomes of it is not told to the next one. It is theirs again where they come back. */
+  left(): void {
+    this.had = null;
+  }
+
+  /** Nothing of it is left here; the daemon has it run out, or end with its job. */
+  abandon(): void {
+    this.left();
+    this.forget();
+  }
+
   /**
    * Renews the lease when that is due. The page's own timer is not enough: browsers slow the timers of a hidden tab down
    * to one a minute, but not those of a worker, whose signs of life call this.

@@ -3,8 +3,9 @@ import "./style/index.css";
 import { render } from "preact";
 import * as api from "./api";
 import { awake } from "./awake";
+import { Belongings } from "./belongings";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
-import { keyOfAddress } from "./confirm-key";
+import { keyOfAddress, type ConfirmKey } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
 import { install } from "./install";
 import { jog, watchJog } from "./jogging";
@@ -40,11 +41,20 @@ const TONE_MS = 250;
 
 /** Takes the confirm key of a link that has opened the page, so that it is neither in the address bar nor in the history. */
 function takeConfirmKey(): void {
-  const handed = keyOfAddress(location.hash);
-  if (handed === null) return;
+  const found = keyOfAddress(location.hash);
+  if (found === null) return;
+  handed = found;
   history.replaceState(null, "", addressOf("alignment"));
   api.confirmKeys.keep(handed);
 }
+
+/** The confirm key that whoever is here has come with. */
+let handed: ConfirmKey | null = null;
+const belongings = new Belongings(sessionStorage, () => {
+  api.lease.abandon();
+  api.confirmKeys.forget();
+  if (handed) api.confirmKeys.keep(handed);
+});
 
 takeConfirmKey();
 /** The newest reset of the stop that was read here is no news after a reload. */
@@ -160,11 +170,15 @@ async function identify(): Promise<void> {
   await entering;
   const who = await whoAmI();
   if (who.is === "known") {
-    set({ ...state, session: who.session, out: null });
+    // How control ended is told to who had it.
+    const lost = belongings.cameIn(who.session) ? null : state.controlLost;
+    set({ ...state, session: who.session, out: null, controlLost: lost });
     void learnDesign();
   }
   if (who.is === "stranger") {
     eyepiece.close();
+    api.lease.left();
+    if (state.session !== null && state.session !== "stranger") handed = null;
     // Nothing that was shown to somebody is left for the next one.
     const { problem, route, preferences, made } = state;
     const out = whyOut(state.session, who.ended, state.out);
