@@ -83,6 +83,8 @@ export const meter: typeof en.meter = {
   leftOut: (count) =>
     `Messungen je Sekunde, und aus wie vielen der Punktabstand das Mittel ist; ${count} Bilder ausgelassen`,
   lost: "FEHLT",
+  pixels: (px) => `${px} Pixel`,
+  noFigure: "kein Wert",
   missing: {
     lost: "Der Punktabstand ist verloren und wird gesucht",
     refused: "Dieses Bild lässt sich nicht messen",
@@ -164,7 +166,7 @@ export const meter: typeof en.meter = {
     top: "oben",
     upperRight: "rechts oben",
   },
-  spoken: (words, px, advice) => `${words}, ${px} Pixel. ${advice}`,
+  spoken: (words, px, advice) => `${words}, ${px}. ${advice}`,
 };
 
 export const charts: typeof en.charts = {

@@ -86,6 +86,9 @@ export const meter = {
   leftOut: (count: number) =>
     `Readings a second, and of how many the spacing is the mean; ${count} frames left out`,
   lost: "LOST",
+  /** The large figure, read aloud. */
+  pixels: (px: string) => `${px} pixels`,
+  noFigure: "no figure",
   missing: {
     lost: "The spacing is lost, and searched for",
     refused: "This frame cannot be measured",
@@ -169,7 +172,7 @@ export const meter = {
     top: "top",
     upperRight: "upper right",
   } satisfies Record<Octant, string>,
-  spoken: (words: string, px: string, advice: string) => `${words}, ${px} pixels. ${advice}`,
+  spoken: (words: string, px: string, advice: string) => `${words}, ${px}. ${advice}`,
 };
 
 export const charts = {

@@ -13,7 +13,7 @@ import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
-import { ARROW, NO_FIGURE, useNewest, useShown } from "./shown";
+import { ARROW, NO_FIGURE, readAloud, useNewest, useShown } from "./shown";
 import { Spoken } from "./spoken";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
@@ -28,6 +28,7 @@ export function Meter(earlier: Given) {
   // What is of no one board is no figure to go by.
   const figure = now && isOfOne(now) ? now : null;
   if (!target) return <Nothing {...given} />;
+  const large = missing?.is === "lost" ? strings.meter.lost : difference;
   const several = ofSeveral(state.reading) !== null;
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
@@ -68,13 +69,13 @@ export function Meter(earlier: Given) {
           {strings.meter.tone}
         </Toggle>
       </p>
-      <p class="large" aria-hidden="true">
+      <p class="large" role="img" aria-label={readAloud(large)}>
         <span class="arrow">
           {now ? ARROW[now.direction] : "?"}
           <small>{strings.meter.unit}</small>
         </span>
         <span class="number" id="difference">
-          {missing?.is === "lost" ? strings.meter.lost : difference}
+          {large}
         </span>
       </p>
       <MeterScale
@@ -113,7 +114,7 @@ export function Meter(earlier: Given) {
           reading={now}
           text={
             words && wanted
-              ? strings.meter.spoken(words, difference, wanted.main)
+              ? strings.meter.spoken(words, readAloud(large), wanted.main)
               : strings.meter.missing.lost
           }
           now={clock}

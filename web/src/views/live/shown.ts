@@ -26,6 +26,12 @@ export const ARROW = {
 /** What stands where a figure would. */
 export const NO_FIGURE = "–";
 
+/** The large figure, or what stands in its place, as a screen reader reads it to whoever goes there. */
+export function readAloud(large: string): string {
+  if (large === strings.meter.lost) return large;
+  return large === NO_FIGURE ? strings.meter.noFigure : strings.meter.pixels(large);
+}
+
 export interface Shown {
   /** Null where there is none now. */
   reading: Reading | null;

@@ -1,17 +1,25 @@
 import { useState } from "preact/hooks";
 import type { Reading } from "../../reading";
-import { isNews, type Said } from "../../speech";
+import { isNews, standing, type Said } from "../../speech";
 
-/** What a screen reader says, where it is news. */
-export function Spoken({ reading, text, now }: { reading: Reading | null; text: string; now: number }) {
-  const [last] = useState<{ said: Said | null; text: string }>({ said: null, text: "" });
-  if (isNews(last.said, reading, now)) {
-    last.said = { differencePx: reading?.differencePx ?? 0, direction: reading?.direction ?? null, at: now };
-    last.text = text;
+interface Props {
+  /** Null where it is lost. */
+  reading: Reading | null;
+  /** What the meter says. */
+  text: string;
+  now: number;
+}
+
+/** What a screen reader says by itself, where it is news. Whoever goes to the meter with one is read the meter itself. */
+export function Spoken({ reading, text, now }: Props) {
+  const [last] = useState<{ said: Said | null }>({ said: null });
+  if (isNews(last.said, reading, text, now)) {
+    const { differencePx, direction } = reading ?? { differencePx: 0, direction: null };
+    last.said = { text, differencePx, direction, at: now };
   }
   return (
     <p class="unseen" id="spoken" aria-live="polite">
-      {last.text}
+      {standing(last.said, now)}
     </p>
   );
 }

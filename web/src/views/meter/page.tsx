@@ -8,7 +8,7 @@ import { TONE_KEY } from "../../tone-key";
 import { nothingRead } from "../../unread";
 import { FullScreen } from "../full-screen";
 import { mayConfirm } from "../job/turn";
-import { ARROW, NO_FIGURE, useNewest, useShown } from "../live/shown";
+import { ARROW, NO_FIGURE, readAloud, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";
@@ -41,7 +41,12 @@ export function MeterPage(earlier: Given) {
       data-direction={reading?.direction}
       aria-label={strings.meter.title}
     >
-      <p class="huge" aria-hidden="true" style={{ "--letters": Math.max(LEAST_LETTERS, figure.length) }}>
+      <p
+        class="huge"
+        role="img"
+        aria-label={readAloud(figure)}
+        style={{ "--letters": Math.max(LEAST_LETTERS, figure.length) }}
+      >
         <span class="glyph">{reading ? ARROW[reading.direction] : "?"}</span>
         <span class="number" id="difference">
           {figure}
@@ -92,7 +97,7 @@ export function MeterPage(earlier: Given) {
       {!old && !settingUp && (reading || missing?.is === "lost") && (
         <Spoken
           reading={reading}
-          text={reading ? strings.meter.spoken(says.of, figure, says.more) : says.of}
+          text={reading ? strings.meter.spoken(says.of, readAloud(figure), says.more) : says.of}
           now={now}
         />
       )}
