@@ -120,6 +120,9 @@ try {
   await live.locator("#spacing").waitFor({ timeout: 20_000 });
 
   step("where a frame cannot be measured, the last figure is shown as old, and why");
+  const region = other.locator("#region");
+  await other.locator(".picture").getByRole("button", { name: "Region" }).click();
+  await region.locator("[data-old=false] > span", { hasText: /^spacing/ }).waitFor({ timeout: 20_000 });
   await camera.getByRole("button", { name: "dark", exact: true }).click();
   const refused = other.locator(".meter[data-state=refused][data-old=true]");
   await refused
@@ -127,10 +130,13 @@ try {
     .waitFor({ timeout: 20_000 });
   await refused.locator(".tag.old", { hasText: /^OLD · \d+ s$/ }).waitFor();
   assert.match(await other.locator("#spacing").innerText(), /^\d+\.\d{4}$/);
+  await region.locator("[data-old=true]", { hasText: /^OLD[^]*spacing/ }).waitFor();
   assert.equal(await height(), high, "the meter jumps where a frame cannot be measured");
   await photograph(other, "frame-refused");
   await panel.locator("#faults-none").click();
   await live.waitFor({ timeout: 20_000 });
+  await region.locator("[data-old=false] > span", { hasText: /^spacing/ }).waitFor({ timeout: 20_000 });
+  assert.equal(await region.locator(".tag.old").count(), 0);
 
   step("a reading that is taken while an axis moves says so");
   await open(page, "Live");
