@@ -1,3 +1,4 @@
+import { sentence } from "../format";
 import { strings } from "../strings";
 import type { Bench } from "../wire";
 
@@ -12,7 +13,7 @@ export function Absences({ bench }: { bench: Bench }) {
         <div class="problem" role="alert" id="camera-gone">
           <p>
             <b>{strings.cameraGone}.</b>{" "}
-            {camera.fault ? <span lang="en">{camera.fault}</span> : strings.cameraGoneMore}
+            {camera.fault ? <span lang="en">{sentence(camera.fault)}</span> : strings.cameraGoneMore}
           </p>
         </div>
       )}
@@ -20,7 +21,7 @@ export function Absences({ bench }: { bench: Bench }) {
         <div class="problem" role="alert" id="stage-gone">
           <p>
             <b>{strings.stageGone(gone.map((axis) => strings.axis.name[axis.axis]))}.</b>{" "}
-            {faults.length > 0 ? <span lang="en">{faults.join("; ")}</span> : strings.stageGoneMore}
+            {faults.length > 0 ? <span lang="en">{sentence(faults.join("; "))}</span> : strings.stageGoneMore}
           </p>
         </div>
       )}

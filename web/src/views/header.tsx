@@ -1,5 +1,5 @@
 import { eyepiece } from "../eyepiece";
-import { wait } from "../format";
+import { sentence, wait } from "../format";
 import { addressOf, PAGES } from "../route";
 import { strings } from "../strings";
 import { Absences } from "./absences";
@@ -75,7 +75,7 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
           <p>
-            <b>{strings.historyFault}.</b> <span lang="en">{bench.history_fault}</span>
+            <b>{strings.historyFault}.</b> <span lang="en">{sentence(bench.history_fault)}</span>
           </p>
         </div>
       )}
