@@ -217,9 +217,11 @@ export function bestWith(held: Best | null, now: Reading): Best | null {
   return held && held.capturedAt >= Math.max(now.unmeasuredAt, now.oneBoardAt) ? null : held;
 }
 
-/** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. */
+/** The best so far with a new reading. Another target begins anew: what was best for the old one says nothing. Where the axes
+ *  stood when a frame was exposed is known only while they stand. */
 export function best(held: Best | null, now: Reading): Best {
-  const { differencePx, sigmaPx, targetPx, focusMm, eMm, capturedAt } = now;
+  const { differencePx, sigmaPx, targetPx, capturedAt } = now;
+  const [focusMm, eMm] = now.settled ? [now.focusMm, now.eMm] : [null, null];
   // A single frame's spacing is often nearer by chance than the mean of many: what it may be off by counts.
   const off = (one: Pick<Reading, "differencePx" | "sigmaPx">) => Math.hypot(one.differencePx, one.sigmaPx);
   const better = held?.targetPx !== targetPx || off(now) < off(held);

@@ -56,6 +56,8 @@ const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: 
 
 describe("peak hold", () => {
   it("keeps what came closest to the target, and where the axes stood", () => {
+    const moving = best(null, reading({ ...measurement(19.8, 0.002), focus_mm: 1.5, settled: false }));
+    expect(moving, "where an axis stood that moved is not known").toMatchObject({ focusMm: null, eMm: null });
     const first = best(null, reading({ ...measurement(19.8, 0.002), focus_mm: 1.5, e_mm: null }));
     expect(first).toMatchObject({ focusMm: 1.5, eMm: null, targetPx: 19.725 });
     const better = best(first, reading(measurement(19.71, 0.002)));
