@@ -110,7 +110,7 @@ pub struct Reading {
     #[prost(double, tag = "28")]
     pub spacing_tolerance_px: f64,
     /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
-    /// are two: it may be neither's, and is not in focus.
+    /// are two: it may be neither's. Or no frame can be measured in whole, though nothing moves: it may be none's. Not in focus.
     #[prost(bool, tag = "29")]
     pub doubted: bool,
 }

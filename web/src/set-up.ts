@@ -16,7 +16,7 @@ export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
 /** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's, and one of which
  *  nobody has said what it is may be such a one. */
 export function showsTilt(bench: Bench | null): boolean {
-  return bench?.in_view === "flat_board";
+  return bench?.in_view === "flat_board" || bench?.in_view === "board_elsewhere";
 }
 
 /** Whether it is known if an axis moves: of one that is not connected it is not. */
@@ -28,10 +28,13 @@ export function knowsMotion(bench: Bench | null): boolean {
 export interface Scene {
   /** Whether a job would set Δv, in air, and not e through the shell. */
   inAir: boolean;
-  /** Whether a board of several levels stands before the lens: a spacing of the whole field is of none of them. */
-  levels: boolean;
+  /** The board, where its spacing is not to be compared with the target: of one of several levels that of the whole field is of
+   *  none of them, and one that stands elsewhere than the camera is to be focused has another target. */
+  board: "levels" | "elsewhere" | null;
 }
 
 export function sceneOf(bench: Bench | null): Scene {
-  return { inAir: bench?.shell !== "on", levels: bench?.in_view === "stepped_board" };
+  const inAir = bench?.shell !== "on";
+  if (bench?.in_view === "stepped_board") return { inAir, board: "levels" };
+  return { inAir, board: bench?.in_view === "board_elsewhere" ? "elsewhere" : null };
 }

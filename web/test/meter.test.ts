@@ -52,7 +52,7 @@ describe("the meter's figure", () => {
 });
 
 /** Through the shell. */
-const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, levels: false });
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, board: null });
 
 describe("peak hold", () => {
   it("keeps what came closest to the target, and where the axes stood", () => {
@@ -168,6 +168,17 @@ describe("a board of several levels in view", () => {
       const { main, other } = advice(seen!, correction(design, seen!), "delta_v", "mm");
       expect([main, other]).toEqual([strings.meter.levelsMore, null]);
     }
+    // Nor is one that stands elsewhere, which has another target.
+    const elsewhere = {
+      ...state,
+      bench: { ...bench, in_view: "board_elsewhere" as const },
+      measurement: whole,
+    };
+    const { reading: there, best: none } = receiveReading(elsewhere, frameReading(19.725, at), at);
+    expect([there?.direction, there?.inFocus, none]).toEqual(["elsewhere", false, null]);
+    expect(advice(there!, correction(design, there!), "delta_v", "mm").main).toBe(
+      strings.meter.elsewhereMore,
+    );
     // Whatever was seen of two boards before: they are its levels.
     const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
     const both = receiveReading(
@@ -391,7 +402,13 @@ describe("the advice", () => {
     for (const { meter } of [en, de]) {
       const { hindered, away, towards, grow, shrink } = meter;
       const all = [
-        ...[meter.thereMore("1"), meter.unsureMore, meter.levelsMore, meter.doubtedMore("")],
+        ...[
+          meter.thereMore("1"),
+          meter.unsureMore,
+          meter.levelsMore,
+          meter.elsewhereMore,
+          meter.doubtedMore(""),
+        ],
         ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],
         ...[meter.grows, meter.shrinks, hindered.out, hindered.past].flatMap((of) => Object.values(of)),
         ...[hindered.stopped, hindered.history],

@@ -194,7 +194,7 @@ impl Alignment<'_> {
         value: Option<String>,
         setup: Setup,
     ) -> Result<(), JobEnd> {
-        let view = InView::after(&setup);
+        let view = InView::after(&setup, self.eye.aimed().equivalent_distance);
         // The job may end while it is being changed.
         self.eye.see(view.map(|_| InView::Unknown));
         self.context.ask(name, instruction, value, setup).await?;

@@ -111,6 +111,9 @@ pub enum InView {
     FlatBoard,
     /// A board of several levels: what its spacing does over the field says nothing of the camera.
     SteppedBoard,
+    /// A flat board that stands elsewhere than where the camera is to be focused, as one does that is put to several places in
+    /// turn: its spacing is not the one that is aimed at.
+    BoardElsewhere,
     /// Anything else: a diffuser, nothing.
     Other,
 }

@@ -1,6 +1,6 @@
 //! What the jobs see: frames taken at rest, measured away from the runtime's threads.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
 use jiff::Timestamp;
@@ -78,6 +78,22 @@ pub(super) struct SeenInAir {
     pub(super) middle: Seen,
 }
 
+/// Why a live frame could not be measured in whole.
+#[derive(Debug)]
+pub(super) struct Unmeasured {
+    /// In words.
+    pub(super) why: String,
+    /// Whether it spans motion, or looks as if it did: the next may not.
+    pub(super) by_motion: bool,
+}
+
+/// What an air step left.
+struct KeptAirStep {
+    step: AirStep,
+    /// Whether something can go on from it: the focus axis's place has been known ever since.
+    holds: bool,
+}
+
 /// The bench's camera with what is known of its micro-images.
 pub(super) struct Eye {
     config: Arc<Config>,
@@ -88,7 +104,7 @@ pub(super) struct Eye {
     sight: Mutex<Option<Arc<Sight>>>,
     /// The frame that it was learnt from.
     white: Mutex<Option<Arc<Frame>>>,
-    air_step: Mutex<Option<AirStep>>,
+    air_step: Mutex<Option<KeptAirStep>>,
     set_up: watch::Sender<SetUp>,
     /// The frame that was looked at last.
     looked_at: Mutex<Option<Arc<Frame>>>,
@@ -165,17 +181,17 @@ impl Eye {
         if self.config.assembly.spacing_target == SpacingTarget::Paraxial || !through_shell {
             return (self.paraxial_target_px(), TargetSource::Paraxial);
         }
-        let e = self.aim_mm().unwrap_or_else(|| self.design.joint(self.motion.l_bound_mm()).e);
-        match self.air_step() {
-            Some(air) => (self.exact_target_px(air.camera, e), TargetSource::Calibration),
+        let e = self.aimed().e;
+        // A camera stays what it is when its axis's place is lost.
+        match self.kept_air_step().as_ref() {
+            Some(air) => (self.exact_target_px(air.step.camera, e), TargetSource::Calibration),
             None => (self.exact_target_px(CalibratedCamera::designed(&self.config, e), e), TargetSource::Design),
         }
     }
 
     /// By how much a spacing may be off the one wanted now where a job accepts it, px.
     pub(super) fn tolerance_px(&self) -> f64 {
-        let joint = || self.design.joint(self.motion.l_bound_mm());
-        let within = AcceptedWithin::of(&self.config, &self.aim_mm().map_or_else(joint, |e| self.design.clarity(e)));
+        let within = AcceptedWithin::of(&self.config, &self.aimed());
         match self.motion.shell() {
             ShellState::On => within.through_shell_px,
             ShellState::Off | ShellState::Unknown => within.in_air_px,
@@ -203,6 +219,12 @@ impl Eye {
     /// The e (mm) that is aimed at behind the shell; `None` for the joint solution's.
     pub(super) fn aim_mm(&self) -> Option<f64> {
         *self.aim_mm.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// The solution that is aimed at.
+    pub(super) fn aimed(&self) -> Solution {
+        let joint = || self.design.joint(self.motion.l_bound_mm());
+        self.aim_mm().map_or_else(joint, |e| self.design.clarity(e))
     }
 
     /// Whether a white frame has been taken.
@@ -239,13 +261,17 @@ impl Eye {
 
     /// Keeps what an air step left, for a job that goes on from it.
     pub(super) fn keep_air_step(&self, air: AirStep) {
-        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = Some(air);
+        *self.kept_air_step() = Some(KeptAirStep { step: air, holds: true });
     }
 
     /// What the newest air step left: nothing once the focus axis's position has been unknown, because a new homing
     /// repeats to tenths of a millimetre and Δv is held to thousandths.
     pub(super) fn air_step(&self) -> Option<AirStep> {
-        self.air_step.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        self.kept_air_step().as_ref().filter(|kept| kept.holds).map(|kept| kept.step.clone())
+    }
+
+    fn kept_air_step(&self) -> MutexGuard<'_, Option<KeptAirStep>> {
+        self.air_step.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// What the newest air step left, for a shell step that goes on from it and aims at a solution.
@@ -285,7 +311,15 @@ impl Eye {
 
     /// Forgets what the air step left.
     pub(super) fn forget_air_step(&self) {
-        *self.air_step.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        *self.kept_air_step() = None;
+    }
+
+    /// That the focus axis's place has become unknown: nothing can go on from what the air step left, and the camera that it
+    /// found is still that.
+    pub(super) fn lose_air_step(&self) {
+        if let Some(kept) = self.kept_air_step().as_mut() {
+            kept.holds = false;
+        }
     }
 
     /// What the newest white frame taught.
@@ -419,9 +453,10 @@ impl Eye {
         (spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px
     }
 
-    /// The same for a spacing (px) of the whole field: over a board of several levels it is of none of them.
+    /// The same for a spacing (px) of the whole field: of a board of several levels, or of one elsewhere, it is not the
+    /// one that is wanted.
     pub(super) fn is_field_in_focus(&self, spacing_px: f64) -> bool {
-        self.in_view() != InView::SteppedBoard && self.is_in_focus(spacing_px)
+        self.in_view().is_aimed_at() && self.is_in_focus(spacing_px)
     }
 
     async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
@@ -571,18 +606,26 @@ impl Eye {
     }
 
     /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured. The error is why it cannot
-    /// be, in words.
-    pub(super) async fn measure_live(&self) -> Option<Result<MeasurementView, String>> {
+    /// be, and whether nothing but motion is to blame.
+    pub(super) async fn measure_live(&self) -> Option<Result<MeasurementView, Unmeasured>> {
         self.sight()?;
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
-        Some(self.measure_frame(&frame).await)
+        let at_rest = frame.focus.settled && frame.e.settled;
+        Some(self.measured_whole(&frame).await.map_err(|unseen| Unmeasured {
+            by_motion: !at_rest || matches!(unseen, Unseen::Smeared(_)),
+            why: unseen.into(),
+        }))
     }
 
     /// Measures the spacing in one frame; the error is why it cannot be, in words.
     pub(super) async fn measure_frame(&self, frame: &Arc<Frame>) -> Result<MeasurementView, String> {
-        let sight = self.sight().ok_or("no white frame has been taken")?;
+        Ok(self.measured_whole(frame).await?)
+    }
+
+    async fn measured_whole(&self, frame: &Arc<Frame>) -> Result<MeasurementView, Unseen> {
+        let sight = self.sight().ok_or_else(|| "no white frame has been taken".to_owned())?;
         let (image, from) = (Arc::clone(&frame.image), Instant::now());
         let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image]))
             .await

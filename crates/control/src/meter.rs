@@ -8,6 +8,7 @@
 //! up to it, which is what is judged.
 
 use std::collections::VecDeque;
+use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
 use std::time::{Duration, Instant};
 
@@ -17,7 +18,7 @@ use tokio::sync::{Notify, broadcast, watch};
 use self::doubt::Doubt;
 use super::at_rest::AtRest;
 use super::events::{InView, MeasurementView};
-use super::eye::OLD_PICTURE;
+use super::eye::{OLD_PICTURE, Unmeasured};
 use super::recording::{Happening, words};
 use super::service::Service;
 use super::sight::Sight;
@@ -40,6 +41,9 @@ const EACH_KEPT: usize = 256;
 /// Spacings of one frame that are farther apart are of different matches, px.
 const SAME_PX: f64 = 1.0;
 
+/// Frames one after another that cannot be measured in whole, nothing moving, until what is read is in doubt.
+const FAILURES: u32 = 2;
+
 /// What the meter reads in one frame.
 #[derive(Debug, Clone)]
 pub struct Reading {
@@ -56,7 +60,7 @@ pub struct Reading {
     /// Whether there is a spacing, of one board as far as is known, and what is combined within the blur limit of that.
     pub in_focus: bool,
     /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
-    /// are: it may be neither's.
+    /// are: it may be neither's. Or no frame can be measured in whole, though nothing moves: it may be none's.
     pub doubted: bool,
     /// Of one in doubt, why no frame could be measured in whole to end that, in words.
     pub unresolved: Option<String>,
@@ -234,6 +238,8 @@ pub(super) struct Readings {
     whole: watch::Sender<Option<Whole>>,
     /// Why no frame has been measured in whole since that one, in words.
     unmeasured: Mutex<Option<String>>,
+    /// How many could not be since, one after another, though nothing moved.
+    failures: AtomicU32,
     /// Whether it is in doubt what is in view.
     doubted: watch::Sender<bool>,
 }
@@ -246,6 +252,7 @@ impl Default for Readings {
             begun: Notify::new(),
             whole: watch::Sender::new(None),
             unmeasured: Mutex::default(),
+            failures: AtomicU32::new(0),
             doubted: watch::Sender::new(false),
         }
     }
@@ -269,7 +276,7 @@ impl Readings {
     fn doubt(&self, doubted: bool) {
         self.doubted.send_if_modified(|before| {
             let changed = std::mem::replace(before, doubted) != doubted;
-            if changed {
+            if changed && !self.fails_in_whole() {
                 // What could not be measured before says nothing of this doubt.
                 *self.unmeasured() = None;
             }
@@ -277,18 +284,33 @@ impl Readings {
         });
     }
 
+    /// What was in doubt is no more: another thing is read, or nobody reads.
+    fn begin_anew(&self) {
+        self.failures.store(0, Ordering::Relaxed);
+        self.doubt(false);
+    }
+
     fn unmeasured(&self) -> MutexGuard<'_, Option<String>> {
         self.unmeasured.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// No frame could be measured in whole; why, in words.
-    pub(super) fn not_measured(&self, why: String) {
+    /// No frame could be measured in whole.
+    pub(super) fn not_measured(&self, Unmeasured { why, by_motion }: Unmeasured) {
         *self.unmeasured() = Some(why);
+        if !by_motion {
+            self.failures.fetch_add(1, Ordering::Relaxed);
+        }
+    }
+
+    /// Whether frame after frame is read, and none can be measured in whole.
+    fn fails_in_whole(&self) -> bool {
+        self.failures.load(Ordering::Relaxed) >= FAILURES
     }
 
     /// A frame was measured in whole. Where the meter has followed another match to it, it searches anew.
     pub(super) fn compare(&self, measured: &MeasurementView) {
         *self.unmeasured() = None;
+        self.failures.store(0, Ordering::Relaxed);
         self.whole.send_replace(Some(Whole {
             frame_seq: measured.frame_seq,
             captured_at: measured.captured_at,
@@ -325,7 +347,7 @@ impl Service {
                 continue;
             }
             self.read_frames().await;
-            self.readings.doubt(false);
+            self.readings.begin_anew();
         }
     }
 
@@ -362,7 +384,7 @@ impl Service {
                 set_up = now_set_up;
                 at_rest.set_up();
                 doubt = Doubt::default();
-                self.readings.doubt(false);
+                self.readings.begin_anew();
             }
             // It shows, in part at least, what stood there before.
             if frame.exposed_from < set_up && !frame.replayed {
@@ -390,10 +412,10 @@ impl Service {
             let set_up_at = self.eye.set_up_at();
             let newest = (*whole.borrow()).filter(|whole| whole.captured_at >= set_up_at);
             // A board of several levels steps, and is known to.
-            let doubted = self.eye.in_view() != InView::SteppedBoard
-                && spacing.as_ref().is_ok_and(|spacing| {
-                    doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq))
-                });
+            let uneven = spacing
+                .as_ref()
+                .is_ok_and(|spacing| doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq)));
+            let doubted = self.eye.in_view() != InView::SteppedBoard && (uneven || self.readings.fails_in_whole());
             if spacing.is_ok() {
                 self.readings.doubt(doubted);
             }

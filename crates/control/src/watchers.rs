@@ -194,7 +194,7 @@ impl Service {
             }
             beat(&self.pulses[0]);
             if !focus.borrow_and_update().homed {
-                self.eye.forget_air_step();
+                self.eye.lose_air_step();
             }
             e.mark_unchanged();
             camera.mark_unchanged();
@@ -243,7 +243,7 @@ impl Service {
                                 self.readings.compare(&measurement);
                                 self.publish_measurement(measurement);
                             }
-                            Some(Err(why)) => self.readings.not_measured(why),
+                            Some(Err(failed)) => self.readings.not_measured(failed),
                             None => {}
                         }
                     }

@@ -3787,7 +3787,7 @@ export interface components {
      * @description What stands before the lens, as far as the program knows.
      * @enum {string}
      */
-    InView: "unknown" | "flat_board" | "stepped_board" | "other";
+    InView: "unknown" | "flat_board" | "stepped_board" | "board_elsewhere" | "other";
     /** @description Near and far end of an interval; `null` for infinity. */
     Interval: {
       /**

@@ -724,6 +724,7 @@ class InView(str, Enum):
     UNKNOWN = "unknown"
     FLAT_BOARD = "flat_board"
     STEPPED_BOARD = "stepped_board"
+    BOARD_ELSEWHERE = "board_elsewhere"
     OTHER = "other"
 
 

@@ -79,6 +79,32 @@ async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
     assert!((spacing_px - whole_px).abs() < 0.1, "{spacing_px} px read, {whole_px} px in whole");
 }
 
+#[tokio::test]
+async fn what_can_be_read_and_not_measured_in_whole_is_in_doubt_with_the_reason() {
+    let service = ready().await;
+    let mut readings = service.readings();
+    let doubted = async |readings: &mut watch::Receiver<Option<Arc<Reading>>>, wanted: bool| loop {
+        readings.changed().await.unwrap();
+        let newest = readings.borrow_and_update().clone();
+        if let Some(reading) = newest.filter(|reading| reading.spacing.is_ok() && reading.doubted == wanted) {
+            return reading;
+        }
+    };
+    let failed = |by_motion| Unmeasured { why: "it is torn".to_owned(), by_motion };
+    // A single frame may be, and one of a motion says nothing.
+    service.readings.not_measured(failed(false));
+    (0..5).for_each(|_| service.readings.not_measured(failed(true)));
+    assert!(!service.readings.fails_in_whole());
+    service.readings.not_measured(failed(false));
+    assert_eq!(doubted(&mut readings, true).await.unresolved.as_deref(), Some("it is torn"));
+    // That has frames measured in whole, and one that can be ends it.
+    doubted(&mut readings, false).await;
+    (0..2).for_each(|_| service.readings.not_measured(failed(false)));
+    service.eye.see(None);
+    assert!(!next_in_focus(&service, &mut readings).await);
+    assert!(!service.readings.fails_in_whole(), "what was set up before says nothing of what is there now");
+}
+
 /// Whether the reading of the next frame that is taken from now on says that it is in focus.
 async fn next_in_focus(service: &Service, readings: &mut watch::Receiver<Option<Arc<Reading>>>) -> bool {
     let now = Timestamp::now();

@@ -98,8 +98,9 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
-    doubted: "Vielleicht zwei Tafeln",
+    doubted: "Im Zweifel",
     levels: "Mehrere Stufen im Bild",
+    elsewhere: "Tafel nicht im Fokus",
   },
   sharp: {
     larger: "Scharf; Punktabstand etwas groß",
@@ -107,14 +108,19 @@ export const meter: typeof en.meter = {
     there: "Auf dem Sollwert",
     unsure: "Vom Sollwert nicht zu unterscheiden",
     two_boards: "Zwei Tafeln im Bild",
-    doubted: "Vielleicht zwei Tafeln",
+    doubted: "Im Zweifel",
     levels: "Mehrere Stufen im Bild",
+    elsewhere: "Tafel nicht im Fokus",
   },
   thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>
-    `Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist${unresolved && `; das ging bisher nicht: ${unresolved}`}`,
+    unresolved
+      ? `Der Punktabstand ist vielleicht der keiner Tafel, bis sich eine Aufnahme ganz vermessen lässt; das ging bisher nicht: ${unresolved}`
+      : "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist",
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
+  elsewhereMore:
+    "Die Tafel steht woanders, als die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
   unsureMore: "Innerhalb 2 σ, aber für einen Auftrag zu unsicher",
   twoBoards: (larger, smaller, percent) =>
     `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,

@@ -101,8 +101,9 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
-    doubted: "Perhaps two boards",
+    doubted: "In doubt",
     levels: "Several levels in view",
+    elsewhere: "Board not at focus",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
   sharp: {
@@ -111,15 +112,20 @@ export const meter = {
     there: "On target",
     unsure: "Cannot be told from the target",
     two_boards: "Two boards in view",
-    doubted: "Perhaps two boards",
+    doubted: "In doubt",
     levels: "Several levels in view",
+    elsewhere: "Board not at focus",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `Within ± ${px} px, as a job accepts it: no move is called for`,
   /** `unresolved`: why no frame could be measured in whole, where none could. */
   doubtedMore: (unresolved: string) =>
-    `The spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole${unresolved && `; none could be: ${unresolved}`}`,
+    unresolved
+      ? `The spacing may be of none, until a frame can be measured in whole; none could be: ${unresolved}`
+      : "The spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole",
   levelsMore:
     "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
+  elsewhereMore:
+    "The board stands elsewhere than the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
   unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
     `The spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,

@@ -22,6 +22,7 @@ export const ARROW = {
   two_boards: "≠",
   doubted: "≠",
   levels: "≠",
+  elsewhere: "≠",
 } as const;
 /** What stands where a figure would. */
 export const NO_FIGURE = "–";

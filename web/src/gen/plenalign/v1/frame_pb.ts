@@ -269,7 +269,7 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
 
   /**
    * Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
-   * are two: it may be neither's, and is not in focus.
+   * are two: it may be neither's. Or no frame can be measured in whole, though nothing moves: it may be none's. Not in focus.
    *
    * @generated from field: bool doubted = 29;
    */
