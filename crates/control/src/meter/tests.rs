@@ -6,10 +6,13 @@ use bench::store::Store;
 use plenoptics::imaging::combined::Since;
 
 use super::*;
-use crate::events::{Event, InView, ShellState, TwoBoardsView};
+use crate::calibrated::CalibratedCamera;
+use crate::calibrated::tests::preset;
+use crate::events::{Event, InView, ShellState, TargetSource, TwoBoardsView};
 use crate::job::{JobKind, JobRequest};
 use crate::lease::LeaseRequest;
 use crate::open_bench;
+use crate::tasks::AirStep;
 
 /// A small simulated bench whose white frame is known.
 async fn ready() -> Arc<Service> {
@@ -77,6 +80,24 @@ async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
     let whole_px = compared.borrow().unwrap().spacing_px;
     let (spacing_px, ..) = next(&mut readings).await;
     assert!((spacing_px - whole_px).abs() < 0.1, "{spacing_px} px read, {whole_px} px in whole");
+}
+
+#[tokio::test]
+async fn a_calibrated_camera_has_its_target_still_when_the_place_of_its_focus_axis_is_lost() {
+    let service = ready().await;
+    let camera = preset();
+    let camera = CalibratedCamera { mla_to_sensor_mm: camera.mla_to_sensor_mm * 1.01, ..camera };
+    let delta_v = (2.2, 0.001);
+    let step = AirStep { camera, delta_v, boards: None, focus_mm: 2.1, focus_scale: 1.0, places: Vec::new() };
+    service.eye.motion().set_shell(ShellState::On);
+    let (designed_px, source) = service.eye.target();
+    assert_eq!(source, TargetSource::Design);
+    service.eye.keep_air_step(step);
+    let (target_px, source) = service.eye.target();
+    assert!(source == TargetSource::Calibration && (target_px - designed_px).abs() > 1e-3, "{target_px} px");
+    service.eye.lose_air_step();
+    assert_eq!(service.eye.target(), (target_px, TargetSource::Calibration));
+    assert!(service.eye.air_step().is_none(), "no job goes on from it");
 }
 
 #[tokio::test]
