@@ -33,6 +33,20 @@ try {
   assert(await panel.locator("#faults-none").isDisabled());
   const camera = panel.getByRole("group", { name: "Camera", exact: true });
 
+  step("a plan of faults to come is told, and called off");
+  await page.evaluate(() =>
+    fetch("/api/v1/simulation/fault-plan", {
+      method: "PUT",
+      headers: { "content-type": "application/json" },
+      body: JSON.stringify({ events: [{ at_s: 3600, faults: { camera: { unplugged: true } } }] }),
+    }),
+  );
+  await panel.locator("#faults-planned").waitFor();
+  await state.filter({ hasText: "Nothing is wrong now" }).waitFor();
+  await panel.locator("#faults-none").click();
+  await panel.locator("#faults-planned").waitFor({ state: "detached" });
+  assert(await panel.locator("#faults-none").isDisabled());
+
   step("a camera is unplugged, and every page says so");
   await camera.getByRole("button", { name: "Unplugged" }).click();
   await state.filter({ hasText: "wrong on purpose" }).waitFor();

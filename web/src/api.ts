@@ -20,6 +20,7 @@ import type {
   Devices,
   Draft,
   DraftBase,
+  FaultPlanInForce,
   Faults,
   FaultsChange,
   Histogram,
@@ -226,6 +227,9 @@ const readFaults = () => request<Faults>("GET", FAULTS);
 const setFaults = (faults: Partial<Faults>) => request<Faults>("PUT", FAULTS, faults);
 
 export const faults = () => inTurn(readFaults);
+/** The plan by which faults come and go by themselves; a change by hand ends it. */
+export const faultPlan = () =>
+  inTurn(() => request<FaultPlanInForce>("GET", "/api/v1/simulation/fault-plan"));
 export const clearFaults = () => inTurn(() => setFaults({}));
 /** What is not named stays as it is by now, which others may have changed. */
 export const changeFaults = (change: FaultsChange) =>

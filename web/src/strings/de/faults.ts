@@ -6,6 +6,9 @@ export const faults: typeof en.faults = {
   title: "Störungen des simulierten Prüfstands",
   more: "Stört mit Absicht, sofort und für alle, bis die Störung behoben wird.",
   none: "Keine Störung.",
+  noneYet: "Zurzeit nichts gestört.",
+  planned:
+    "Ein Störungsplan ist in Kraft: Störungen kommen und gehen von selbst. Was hier geändert wird, beendet ihn.",
   some: "Mit Absicht gestört.",
   good: "Alles beheben",
   serial: "Leitung zur Steuerung",

@@ -3,6 +3,8 @@ export const faults = {
   title: "Faults of the simulated bench",
   more: "Makes things go wrong on purpose, at once and for everybody, until they are made good again.",
   none: "Nothing is wrong.",
+  noneYet: "Nothing is wrong now.",
+  planned: "A plan of faults is in force: they come and go by themselves. What is changed here ends it.",
   some: "Something is wrong on purpose.",
   good: "Make everything good",
   serial: "Controller’s line",

@@ -18,9 +18,13 @@ const EVERY_MS = 2000;
 /** What is made to go wrong with the simulated bench, and what more could be. */
 export function Faults({ state, act, load }: Given) {
   const [wrong, setWrong] = useState<Wrong | null>(null);
-  const [newest] = useState(() => new Newest());
+  const [planned, setPlanned] = useState(false);
+  const [[newest, newestPlan]] = useState(() => [new Newest(), new Newest()] as const);
   const shown = (asked: ReturnType<typeof api.faults>) => {
     void newest.of(asked).then((result) => result?.ok && setWrong(result.value));
+    void newestPlan
+      .of(api.faultPlan())
+      .then((result) => result?.ok && setPlanned(result.value.plan !== null));
     return asked;
   };
   useEffect(() => {
@@ -45,7 +49,7 @@ export function Faults({ state, act, load }: Given) {
         <button
           type="button"
           id="faults-none"
-          disabled={!allowed || !any}
+          disabled={!allowed || !(any || planned)}
           onClick={() => void act(shown(api.clearFaults()))}
         >
           {words.good}
@@ -53,8 +57,9 @@ export function Faults({ state, act, load }: Given) {
       </h2>
       <p class="quiet">{words.more}</p>
       <p id="faults-state" class={any ? "fault" : ""}>
-        {any ? words.some : words.none}
+        {any ? words.some : planned ? words.noneYet : words.none}
       </p>
+      {planned && <p id="faults-planned">{words.planned}</p>}
       <fieldset disabled={!allowed}>
         <legend>{words.camera}</legend>
         <p class="row">
