@@ -20,6 +20,15 @@ const jobs = import.meta.glob<string>("../../crates/control/src/*.rs", {
   eager: true,
 });
 
+it("one is not told like several", () => {
+  for (const { plan, job } of [en, de]) {
+    for (const one of [plan.summary(1, 40), job.watchMeans(1)]) expect(one).not.toMatch(/\b1\b/);
+    for (const two of [plan.summary(2, 40), job.watchMeans(2)]) expect(two).toMatch(/\b2\b/);
+  }
+  expect(en.plan.summary(1, 40)).toBe("You are asked once; it takes about 40 s besides");
+  expect(de.job.watchMeans(1)).toBe("Eine Messung");
+});
+
 type Said = string | ((...given: unknown[]) => unknown);
 
 /** Every string of a catalogue, and every function that makes one, by its path. */

@@ -85,7 +85,7 @@ export const job: typeof en.job = {
   aim: "Sollwerte:",
   aimOf: (deltaV, e, spacing) => `Δv ${deltaV}, e ${e}, Punktabstand ${spacing} nahe der Achse (Gl. 16)`,
   sweepMeans: (positions, apart) => `${positions} Positionen im Abstand von ${apart}`,
-  watchMeans: (count) => `Etwa ${count} Messungen`,
+  watchMeans: (count) => (count === 1 ? "Eine Messung" : `Etwa ${count} Messungen`),
   aimClarity: (deltaV, e) => `Δv ${deltaV} bei e ${e} (ein anderes e hat ein anderes Δv)`,
   fields: {
     e_mm: "e, das festgehalten wird",

@@ -80,7 +80,7 @@ export const job = {
   aimOf: (deltaV: string, e: string, spacing: string) =>
     `Δv ${deltaV}, e ${e}, spacing ${spacing} near the axis (Eq. 16)`,
   sweepMeans: (positions: number, apart: string) => `${positions} positions, ${apart} apart`,
-  watchMeans: (count: number) => `About ${count} measurements`,
+  watchMeans: (count: number) => (count === 1 ? "One measurement" : `About ${count} measurements`),
   aimClarity: (deltaV: string, e: string) => `Δv ${deltaV} at e ${e} (another e has another Δv)`,
   fields: {
     e_mm: "e to hold",
