@@ -91,6 +91,7 @@ mod stream;
 mod structure;
 mod study;
 mod surroundings;
+mod sweep;
 mod time_spent;
 mod tls;
 mod two_boards;

@@ -112,11 +112,11 @@ pub enum MoveFault {
 }
 
 /// Travel that says something about a scale must be this many times its uncertainty.
-const TELLING: f64 = 6.0;
+pub(super) const TELLING: f64 = 6.0;
 /// One that is seen to follow, this many times.
 const FOLLOWED: f64 = 2.0;
 /// A scale error beyond this, relative to the travel expected, is a fault and not a calibration.
-const SCALE_FAULT: f64 = 0.3;
+pub(super) const SCALE_FAULT: f64 = 0.3;
 
 /// Compares the travel the picture shows with the one expected. `sigma_mm` is the standard uncertainty of
 /// `measured_mm`, `slack_mm` what backlash may take away. `None` where they agree or nothing can be told.

@@ -60,6 +60,7 @@ mod simulated;
 pub mod steps;
 mod stopping;
 mod survey;
+mod swept_way;
 mod tasks;
 pub mod through_focus;
 mod watchers;

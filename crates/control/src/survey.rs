@@ -5,6 +5,7 @@ use std::time::Duration;
 use tokio::time::Instant;
 
 use super::alignment::Alignment;
+use super::calibrated::CalibratedCamera;
 use super::context::JobEnd;
 use super::events::ShellState;
 use super::eye::Seen;
@@ -12,6 +13,7 @@ use super::job::{IterationKind, Stage};
 use super::outcome::Outcome;
 use super::plan::AirBoards;
 use super::request::Sweep;
+use super::swept_way::{Shows, SweptWay};
 use super::through_focus::{self, Point};
 use bench::device::{AxisName, Setup};
 use plenoptics::units::Millimetres;
@@ -31,7 +33,7 @@ impl Alignment<'_> {
     /// Measures the spacing at equal steps of one axis, and goes back where it was.
     pub(super) async fn focus_sweep(&mut self, sweep: Sweep, distance_mm: Option<f64>) -> Result<(), JobEnd> {
         self.context.stage(Stage::Survey);
-        self.context.begin(sweep.steps + 2);
+        self.context.begin(sweep.steps + 4);
         self.eye.check_camera()?;
         let start = self.motion.position_mm(sweep.axis)?;
         // Both ends before anything moves.
@@ -46,6 +48,9 @@ impl Alignment<'_> {
         }
         self.something_to_measure(distance_mm).await?;
         self.context.step_of_bench("measuring");
+        let mut way = self.swept_way(sweep.axis);
+        self.context.doing(format!("sweep: measuring where the {} axis stands", sweep.axis));
+        self.look_on_the_way(way.as_mut(), sweep.axis).await?;
         let mut samples = Vec::new();
         for step in 0..sweep.steps {
             let share = f64::from(step) / f64::from(sweep.steps - 1);
@@ -53,7 +58,10 @@ impl Alignment<'_> {
             self.context.doing(format!("sweep: {} axis at {to:.3} mm", sweep.axis));
             self.go(sweep.axis, to).await?;
             match self.context.unless_cancelled(self.eye.spacing(1)).await {
-                Ok(seen) => samples.push(self.sample(&seen, Some(sweep.axis), to)),
+                Ok(seen) => {
+                    samples.push(self.sample(&seen, Some(sweep.axis), to));
+                    self.check_way(way.as_mut(), sweep.axis, &seen)?;
+                }
                 // Out of the range of focus is what a sweep may well run into.
                 Err(JobEnd::Unmeasurable { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
                 Err(end) => return Err(end),
@@ -61,6 +69,8 @@ impl Alignment<'_> {
         }
         self.context.doing(format!("sweep: {} axis back to {start:.3} mm", sweep.axis));
         self.go(sweep.axis, start).await?;
+        self.context.doing("sweep: measuring where it began");
+        self.look_on_the_way(way.as_mut(), sweep.axis).await?;
         if samples.is_empty() {
             return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
         }
@@ -84,6 +94,46 @@ impl Alignment<'_> {
             eog_peak: through_focus::by_eog(&eogs),
         });
         Ok(())
+    }
+
+    /// What is to be seen of an axis's way as it is swept; `None` where a picture says nothing of it.
+    fn swept_way(&self, axis: AxisName) -> Option<SweptWay> {
+        let focus_mm = self.motion.position_mm(AxisName::Focus).ok();
+        let calibrated = self.eye.air_step().zip(focus_mm).map(|(air, focus_mm)| {
+            let trim_mm = (focus_mm - air.focus_mm) * air.focus_scale;
+            CalibratedCamera { lens_to_mla_mm: air.camera.lens_to_mla_mm + trim_mm, ..air.camera }
+        });
+        let to_scale = calibrated.is_some() || axis == AxisName::Focus;
+        let camera = calibrated.or_else(|| {
+            let e_mm = self.design.joint(self.motion.l_bound_mm()).e;
+            let designed = CalibratedCamera::designed(self.config, e_mm);
+            let lens_to_mla_mm = self.design.lens_to_mla(focus_mm?);
+            Some(CalibratedCamera { lens_to_mla_mm, ..designed })
+        })?;
+        let shows = match (axis, self.motion.shell()) {
+            (AxisName::Focus, _) => Shows::Focus(camera),
+            (AxisName::E, ShellState::Off) => Shows::EInAir(camera),
+            (AxisName::E, ShellState::On) => Shows::EThroughShell(camera),
+            (AxisName::E, ShellState::Unknown) => return None,
+        };
+        Some(SweptWay::new(shows, to_scale))
+    }
+
+    /// Looks where a swept axis is, for its way alone. Out of the range of focus there is nothing to be seen of it.
+    async fn look_on_the_way(&self, way: Option<&mut SweptWay>, axis: AxisName) -> Result<(), JobEnd> {
+        match self.context.unless_cancelled(self.eye.spacing(1)).await {
+            Ok(seen) => self.check_way(way, axis, &seen),
+            Err(JobEnd::Unmeasurable { .. }) => Ok(()),
+            Err(end) => Err(end),
+        }
+    }
+
+    /// Ends a sweep whose axis is not where it says that it is.
+    fn check_way(&self, way: Option<&mut SweptWay>, axis: AxisName, seen: &Seen) -> Result<(), JobEnd> {
+        let reading_mm = self.motion.position_mm(axis)?;
+        let spacing = &seen.spacing;
+        let fault = way.and_then(|way| way.see(reading_mm, spacing.spacing_px, spacing.spacing_sigma_px));
+        fault.map_or(Ok(()), |fault| Err(JobEnd::failed(fault.to_string())))
     }
 
     /// Measures the spacing over time, with nothing moved.

@@ -1,0 +1,124 @@
+//! Sweeps: what a curve through focus is worth depends on the axis having been where it says.
+
+use std::sync::Arc;
+
+use plenalign::control::Service;
+use plenalign::control::events::Event;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use plenalign::control::outcome::Outcome;
+use plenalign::device::AxisName;
+use plenalign::device::faults::Faults;
+
+use super::bench::{align, quick_axes, run, service, small_config};
+
+fn sweep(axis: AxisName, from_mm: f64, to_mm: f64, steps: u32) -> JobRequest {
+    JobRequest {
+        axis: Some(axis),
+        from_mm: Some(from_mm),
+        to_mm: Some(to_mm),
+        steps: Some(steps),
+        ..JobRequest::of(JobKind::FocusSweep)
+    }
+}
+
+async fn homed(seed: u64) -> Arc<Service> {
+    let mut config = small_config(seed);
+    quick_axes(&mut config.bench);
+    let service = service(config).await;
+    let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
+    assert_eq!(homed.state, JobState::Succeeded, "{:?}", homed.reason);
+    service
+}
+
+/// Has an axis's motor stand still from when a job has made so many measurements until it has made so many.
+fn stall(service: &Service, axis: AxisName, from: usize, until: usize) -> tokio::task::JoinHandle<()> {
+    let (mut events, bench) = (service.subscribe(), service.bench().clone());
+    tokio::spawn(async move {
+        while let Ok(event) = events.recv().await {
+            let Event::Job { job } = event else { continue };
+            if job.kind != JobKind::FocusSweep {
+                continue;
+            }
+            let mut faults = Faults::default();
+            let stalled = (from..until).contains(&job.iterations.len());
+            match axis {
+                AxisName::Focus => faults.focus.stalled = stalled,
+                AxisName::E => faults.e.stalled = stalled,
+            }
+            bench.simulated.as_ref().unwrap().set_faults(faults);
+            if job.state.is_final() {
+                return;
+            }
+        }
+    })
+}
+
+fn names(job: &JobSnapshot, axis: AxisName) {
+    let reason = job.reason.as_deref().unwrap_or_default();
+    assert_eq!(job.state, JobState::Failed, "{reason} {:?}\n{:#?}", job.outcome, job.log);
+    assert!(reason.contains(&format!("the {axis} axis")) && reason.contains("the picture shows"), "{reason}");
+    assert_eq!(job.outcome, None);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sweep_whose_axis_stalls_ends_with_its_name() {
+    // For two steps of 21, then free again: best focus would be out by as much as was lost.
+    let service = homed(4).await;
+    let lost = stall(&service, AxisName::Focus, 1, 3);
+    let swept = run(&service, sweep(AxisName::Focus, 1.6, 2.6, 21)).await;
+    lost.await.unwrap();
+    names(&swept, AxisName::Focus);
+    assert!(swept.iterations.len() < 6, "{}", swept.iterations.len());
+
+    // For good, with steps that the play of an axis could hide one by one.
+    let service = homed(4).await;
+    let lost = stall(&service, AxisName::Focus, 4, usize::MAX);
+    let swept = run(&service, sweep(AxisName::Focus, 2.0, 2.4, 21)).await;
+    lost.await.unwrap();
+    names(&swept, AxisName::Focus);
+    assert!(swept.iterations.len() < 8, "{}", swept.iterations.len());
+
+    // On its way to the first place: each step after it is as long as it should be.
+    let service = homed(4).await;
+    let near = run(&service, sweep(AxisName::Focus, 2.0, 2.2, 3)).await;
+    assert_eq!(near.state, JobState::Succeeded, "{:?}", near.reason);
+    let lost = stall(&service, AxisName::Focus, 0, 1);
+    let swept = run(&service, sweep(AxisName::Focus, 2.0, 2.4, 9)).await;
+    lost.await.unwrap();
+    names(&swept, AxisName::Focus);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sweep_far_out_of_focus_or_through_the_shell_is_not_taken_for_a_fault() {
+    for seed in [4, 5] {
+        let service = homed(seed).await;
+        let measured = |swept: &JobSnapshot| {
+            assert_eq!(swept.state, JobState::Succeeded, "seed {seed}: {:?}\n{:#?}", swept.reason, swept.log);
+            swept.iterations.len()
+        };
+        // The whole travel, whose ends are beyond what can be measured; then finely, about focus.
+        let wide = run(&service, sweep(AxisName::Focus, -1.9, 4.0, 21)).await;
+        assert!((3..21).contains(&measured(&wide)), "seed {seed}: {}", measured(&wide));
+        let Some(Outcome::FocusSweep { best_focus: Some(best), .. }) = wide.outcome else { panic!("seed {seed}") };
+        let fine = sweep(AxisName::Focus, best.position_mm - 0.1, best.position_mm + 0.1, 21);
+        assert_eq!(measured(&run(&service, fine).await), 21, "seed {seed}");
+        measured(&run(&service, sweep(AxisName::E, 30.0, 10.0, 9)).await);
+
+        let aligned = align(&service).await;
+        assert_eq!(aligned.state, JobState::Converged, "{:?}", aligned.reason);
+        measured(&run(&service, sweep(AxisName::E, 16.0, 2.0, 8)).await);
+        measured(&run(&service, sweep(AxisName::Focus, -1.9, 4.0, 21)).await);
+        measured(&run(&service, sweep(AxisName::Focus, 2.1, 2.3, 9)).await);
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stalled_e_axis_is_named_through_the_shell() {
+    let service = homed(4).await;
+    let aligned = align(&service).await;
+    assert_eq!(aligned.state, JobState::Converged, "{:?}", aligned.reason);
+    let lost = stall(&service, AxisName::E, 2, 4);
+    let swept = run(&service, sweep(AxisName::E, 14.0, 2.0, 9)).await;
+    lost.await.unwrap();
+    names(&swept, AxisName::E);
+}
