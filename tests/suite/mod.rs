@@ -26,6 +26,7 @@ mod docs;
 mod doctor;
 mod draft;
 mod driver_guide;
+mod ended_early;
 mod every_poll;
 mod export;
 mod fakes;

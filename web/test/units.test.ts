@@ -114,6 +114,16 @@ describe("the report", () => {
     expect(figures(before, "mm").some(([name]) => name === "Time")).toBe(false);
   });
 
+  it("tells nothing of what follows from an e that was not measured", () => {
+    const told = (of: Report) => new Map(figures(of, "mm").map(([name, value]) => [name, value]));
+    const missing = { depth_of_field: null, e_tolerance: null, fov_water_deg: null };
+    const reached = told({ ...report, ...missing, e_mm: 18.8 });
+    expect(reached.get("Depth of field")).toBe("nowhere within the blur limit");
+    const failed = told({ ...report, ...missing, e_mm: null });
+    for (const name of ["Depth of field", "Tolerance of e", "Field of view in water"])
+      expect(failed.get(name), name).toBe("not measured");
+  });
+
   it("has every length in the unit chosen, and none in the other", () => {
     const text = (unit: units.LengthUnit) =>
       figures(report, unit)

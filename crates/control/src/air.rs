@@ -91,6 +91,8 @@ pub struct AirLoop {
     previous: Option<AirObservation>,
     probed: bool,
     moves: u32,
+    /// Whether the picture has followed a move.
+    followed: bool,
     verifying: bool,
 }
 
@@ -106,7 +108,16 @@ impl AirLoop {
     #[must_use]
     pub fn new(goal: AirGoal) -> Self {
         assert!(goal.tolerance_mm > 0.0 && goal.low_limit_mm < goal.high_limit_mm);
-        Self { goal, model: None, pose: None, previous: None, probed: false, moves: 0, verifying: false }
+        Self {
+            goal,
+            model: None,
+            pose: None,
+            previous: None,
+            probed: false,
+            moves: 0,
+            followed: false,
+            verifying: false,
+        }
     }
 
     /// Moves decided so far, the probe not counted.
@@ -119,6 +130,12 @@ impl AirLoop {
     #[must_use]
     pub fn model(&self) -> Option<&AxisModel> {
         self.model.as_ref()
+    }
+
+    /// True travel over commanded travel, once the picture has followed a move: until then it is the configuration's.
+    #[must_use]
+    pub fn scale(&self) -> Option<f64> {
+        self.model.filter(|_| self.followed).map(|model| model.scale().0)
     }
 
     /// The measurements at the present pose, combined.
@@ -158,6 +175,7 @@ impl AirLoop {
         {
             return AirDecision::Fault(fault);
         }
+        self.followed |= moved && self.previous.is_some();
         let goal = self.goal;
         self.model
             .get_or_insert_with(|| {

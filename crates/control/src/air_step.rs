@@ -57,6 +57,7 @@ impl Alignment<'_> {
         self.findings.air_places.clear();
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
         let moves_before = self.findings.moves_air;
+        self.findings.air_done = false;
         let mut boards = None;
         for _ in 0..MAX_MEASUREMENTS {
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
@@ -96,7 +97,7 @@ impl Alignment<'_> {
             let here = air.here().unwrap_or(observation);
             self.findings.moves_air = moves_before + air.moves();
             self.findings.delta_v_air = Some((here.delta_v_mm, here.sigma_mm));
-            self.findings.focus_scale = air.model().map(|model| model.scale().0);
+            self.findings.focus_scale = air.scale();
             let predicted_px =
                 predicted.map(|delta_v| self.design.spacing_at(standing.middle_mm(), delta_v) / self.eye.pixel_mm());
             self.record_air(kind, &seen, here, predicted_px, &decision);
@@ -124,6 +125,7 @@ impl Alignment<'_> {
                 AirDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 AirDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 AirDecision::Done => {
+                    self.findings.air_done = true;
                     self.findings.truth_air = self.context.truth();
                     let standing = self.calibrate_in_turn(plan, standing).await?;
                     if let Some(camera) = self.findings.camera {
@@ -133,7 +135,7 @@ impl Alignment<'_> {
                             delta_v,
                             boards: self.findings.boards,
                             focus_mm: reading_mm,
-                            focus_scale: self.findings.focus_scale.unwrap_or(1.0),
+                            focus_scale: self.findings.focus_scale,
                             places: self.places_but(reading_mm),
                         });
                     }

@@ -32,8 +32,10 @@ pub(super) const MAX_MEASUREMENTS: u32 = 60;
 pub(super) struct Findings {
     /// Solution aimed for.
     pub(super) solution: Option<Solution>,
-    /// Δv at the end of the air step and its standard uncertainty, mm.
+    /// Δv as the air step has it and its standard uncertainty, mm.
     pub(super) delta_v_air: Option<(f64, f64)>,
+    /// Whether the air step has come to its end.
+    pub(super) air_done: bool,
     /// The boards one by one in the newest frames of the air step, where they could be told apart.
     pub(super) boards: Option<[BoardSeen; 3]>,
     /// What boards in air showed, place of the focus axis by place.
@@ -56,9 +58,9 @@ pub(super) struct Findings {
     pub(super) moves_air: u32,
     /// Moves in the shell step.
     pub(super) moves_shell: u32,
-    /// Scale of the focus axis.
+    /// Scale of the focus axis, once it has been seen to move.
     pub(super) focus_scale: Option<f64>,
-    /// Scale of the e axis.
+    /// The same of the e axis.
     pub(super) e_scale: Option<f64>,
     /// EOG of the central view before the first move with the shell, mean per pixel.
     pub(super) eog_before: Option<f64>,
@@ -142,7 +144,7 @@ impl Alignment<'_> {
         self.eye.forget_air_step();
         let findings = &mut self.findings;
         (findings.delta_v_air, findings.boards, findings.camera, findings.seen) = (None, None, None, None);
-        findings.focus_scale = None;
+        (findings.focus_scale, findings.air_done) = (None, false);
         findings.air_places.clear();
     }
 

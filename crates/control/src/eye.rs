@@ -51,6 +51,8 @@ pub(super) struct Seen {
     pub(super) taken: Instant,
     /// The spacing.
     pub(super) spacing: SpacingReading,
+    /// What stood before the lens then.
+    pub(super) in_view: InView,
     /// The spacing that was wanted then, px.
     pub(super) target_px: f64,
     /// Readback of the focus axis, mm; `None` while unknown.
@@ -576,7 +578,20 @@ impl Eye {
         let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
         let Measured { spacing, sigma_random_px, tilt_sigma_px, window_px, picture, .. } = seen;
         let target_px = self.target_px();
-        Seen { taken, spacing, target_px, focus_mm, e_mm, eog, sigma_random_px, tilt_sigma_px, window_px, picture }
+        let in_view = self.in_view();
+        Seen {
+            taken,
+            spacing,
+            in_view,
+            target_px,
+            focus_mm,
+            e_mm,
+            eog,
+            sigma_random_px,
+            tilt_sigma_px,
+            window_px,
+            picture,
+        }
     }
 
     fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {

@@ -398,17 +398,17 @@ pub struct Report {
     pub shell_step_done: String,
     /// Where the design's numbers come from.
     pub design_origin: String,
-    /// Δv as measured, mm.
+    /// Δv as measured, mm; `null` where the focus axis has been moved since it was.
     pub delta_v_mm: Option<f64>,
     /// Its standard uncertainty, mm.
     pub delta_v_sigma_mm: Option<f64>,
     /// Δv wanted for the e reached, mm.
     pub delta_v_target_mm: f64,
-    /// Δv at the end of the air step, mm.
+    /// Δv at the end of the air step, mm; `null` where it came to none.
     pub delta_v_air_mm: Option<f64>,
     /// Δv wanted in the air step, mm.
     pub delta_v_air_target_mm: f64,
-    /// e as the picture has it, mm.
+    /// e as the picture has it, mm; `null` where the axis has been moved since it was measured.
     pub e_mm: Option<f64>,
     /// Its standard uncertainty, mm.
     pub e_sigma_mm: Option<f64>,
@@ -422,7 +422,7 @@ pub struct Report {
     pub e_readback_mm: Option<f64>,
     /// v + Δv, mm.
     pub image_distance_mm: Option<f64>,
-    /// Spacing at the end, px.
+    /// Spacing at the end, px; `null` where an axis has been moved since it was measured.
     pub spacing_px: Option<f64>,
     /// Its standard uncertainty, px.
     pub spacing_sigma_px: Option<f64>,
@@ -430,21 +430,24 @@ pub struct Report {
     pub spacing_target_px: f64,
     /// What "in focus" is called by rays near the axis and by exact ones.
     pub spacing_targets: SpacingTargets,
-    /// Moves in the air step.
+    /// Moves in the air step, its probe not counted.
     pub moves_air: u32,
-    /// Moves in the shell step.
+    /// Moves in the shell step, its probe not counted.
     pub moves_shell: u32,
-    /// Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell.
+    /// Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell, or Δv
+    /// or e was not measured.
     pub fov_water_deg: Option<f64>,
     /// Aperture diameter to set, mm.
     pub aperture_mm: f64,
     /// The number on the lens's ring for it.
     pub aperture_ring_f_number: f64,
-    /// Depth of field in water, from the shell's outer vertex; `null` where nothing is that sharp.
+    /// Depth of field in water, from the shell's outer vertex; `null` where nothing is that sharp, or Δv or e was
+    /// not measured.
     pub depth_of_field: Option<Interval>,
-    /// e values between which the blur stays within the limit, Δv held; `null` where there are none.
+    /// e values between which the blur stays within the limit, Δv held; `null` where there are none, or Δv or e was not
+    /// measured.
     pub e_tolerance: Option<Interval>,
-    /// Tilt along x and y at the end, px per half frame width.
+    /// Tilt along x and y at the end, px per half frame width; `null` over a board of several levels.
     pub tilt_px: Option<[f64; 2]>,
     /// The same as an angle between lens and MLA if nothing else were tilted, degrees.
     pub tilt_deg: Option<[f64; 2]>,
@@ -452,9 +455,9 @@ pub struct Report {
     pub eog_before: Option<f64>,
     /// The same at the end.
     pub eog_after: Option<f64>,
-    /// True travel over commanded travel as the picture has it, focus axis.
+    /// True travel over commanded travel as the picture has it, focus axis; `null` where it was not seen to move.
     pub focus_scale: Option<f64>,
-    /// True travel over commanded travel as the picture has it, e axis.
+    /// True travel over commanded travel as the picture has it, e axis; `null` where it was not seen to move.
     pub e_scale: Option<f64>,
     /// l_bound used, mm.
     pub l_bound_mm: f64,

@@ -50,7 +50,7 @@ impl Service {
         };
         let design = self.config.design();
         let air = self.eye.air_step();
-        let trim_mm = air.as_ref().map_or(0.0, |air| air.focus_scale * (focus_mm - air.focus_mm));
+        let trim_mm = air.as_ref().map_or(0.0, |air| air.focus_scale.unwrap_or(1.0) * (focus_mm - air.focus_mm));
         let delta_v_mm = air.as_ref().map_or(focus_mm, |air| air.delta_v.0 + trim_mm);
         let designed = match e_mm {
             Some(e_mm) => design.exact_in_water(delta_v_mm, e_mm),

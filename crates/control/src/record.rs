@@ -67,32 +67,31 @@ impl Alignment<'_> {
         }
     }
 
-    pub(super) fn keep_shell(
-        &mut self,
-        shell: &ShellLoop,
-        step: ShellStep,
-        seen: &Seen,
-        e_reading_mm: f64,
-        trim_mm: f64,
-    ) {
+    pub(super) fn keep_shell(&mut self, shell: &ShellLoop, seen: &Seen, e_reading_mm: f64, trim_mm: f64) {
         let findings = &mut self.findings;
         if let Some(here) = shell.here() {
             here.put_after(&mut findings.through_shell);
         }
         findings.moves_shell = shell.moves();
         findings.e = Some(shell.model().predict(e_reading_mm));
-        findings.e_scale = Some(shell.model().scale().0);
+        findings.e_scale = shell.scale();
         findings.trim_mm = trim_mm;
         findings.seen = Some(seen.clone());
+        findings.shell_step_done = Some("ended before the spacing was verified to meet its target".to_owned());
+    }
+
+    /// Keeps how the shell step has met its criterion, once it has.
+    pub(super) fn keep_shell_done(&mut self, shell: &ShellLoop, step: ShellStep) {
         let how = match (step, shell.trimmed()) {
             (_, true) => {
                 let at = if shell.held_off() { "where it is known to be clear of the shell" } else { "at its optimum" };
+                let trim_mm = self.findings.trim_mm;
                 format!("e held {at}, Δv trimmed by {trim_mm:+.4} mm (Eq. 8 with e fixed)")
             }
             (ShellStep::HoldETrim, false) => "e moved to its optimum; no trim of Δv was needed".to_owned(),
             (_, false) => "e translated until the spacing met its target".to_owned(),
         };
-        findings.shell_step_done = Some(how);
+        self.findings.shell_step_done = Some(how);
     }
 
     pub(super) fn record_shell(

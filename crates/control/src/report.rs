@@ -3,7 +3,8 @@
 use super::alignment::Findings;
 use super::budget::{Budget, Evidence, PitchSeen};
 use super::context::JobContext;
-use super::eye::Eye;
+use super::events::InView;
+use super::eye::{Eye, Seen};
 use super::job::{Interval, JobState, Report, SpacingTargets};
 use super::motion::Motion;
 use bench::config::Config;
@@ -28,7 +29,7 @@ pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option
     Some(Evidence {
         air: air.camera,
         focus_mm: air.focus_mm,
-        focus_scale: air.focus_scale,
+        focus_scale: air.focus_scale.unwrap_or(1.0),
         places: air.places,
         boards: air.boards?,
         pitch,
@@ -36,6 +37,30 @@ pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option
         tilt_change: findings.tilt_change,
         window_px,
     })
+}
+
+/// An axis whose readback has changed by more than this has been moved, mm.
+const MOVED_MM: f64 = 1e-4;
+
+/// Whether each axis still stands where it did in a measurement, by its readback (mm) now; one that is unknown does not.
+fn rest_since(seen: &Seen, readbacks_mm: [Option<f64>; 2]) -> [bool; 2] {
+    let [focus_mm, e_mm] = readbacks_mm;
+    let rests =
+        |then: Option<f64>, now: Option<f64>| then.zip(now).is_some_and(|(then, now)| (now - then).abs() <= MOVED_MM);
+    [rests(seen.focus_mm, focus_mm), rests(seen.e_mm, e_mm)]
+}
+
+/// What the last measurement was and where, for a report of a job that has moved an axis since.
+fn before_last_move(seen: &Seen, findings: &Findings) -> String {
+    let at = |mm: Option<f64>| mm.map_or_else(|| "an unknown place".to_owned(), |mm| format!("{mm:.4} mm"));
+    let e = findings.e.map_or_else(String::new, |(e, sigma)| format!(", e by it {e:.3} ± {sigma:.3} mm"));
+    format!(
+        "the last measurement is of before the last move and not of where the job ended: with the focus axis at {} and the e axis at {} the spacing was {:.4} ± {:.4} px{e}",
+        at(seen.focus_mm),
+        at(seen.e_mm),
+        seen.spacing.spacing_px,
+        seen.spacing.spacing_sigma_px,
+    )
 }
 
 #[allow(clippy::too_many_arguments)] // Every one is a different thing, named at the one call.
@@ -52,24 +77,40 @@ pub(super) fn report(
     let design = config.design();
     let l_bound_mm = motion.l_bound_mm();
     let solution = findings.solution.unwrap_or_else(|| design.joint(l_bound_mm));
-    let seen = findings.seen.as_ref().and_then(|seen| evidence(eye, findings, seen.window_px));
-    let budget = seen.and_then(|seen| Budget::of(config, &seen, solution.e));
+    let readbacks_mm = AxisName::ALL.map(|axis| motion.position_mm(axis).ok());
+    let measured = findings.seen.as_ref();
+    let [focus_rests, e_rests] = measured.map_or([true; 2], |seen| rest_since(seen, readbacks_mm));
+    // What was seen before an axis moved is not what the job has come to.
+    let seen = measured.filter(|_| focus_rests && e_rests);
+    let known = seen.and_then(|seen| evidence(eye, findings, seen.window_px));
+    let budget = known.and_then(|seen| Budget::of(config, &seen, solution.e));
     let (delta_v_mm, delta_v_sigma_mm) = budget
         .as_ref()
         .map(|budget| (budget.delta_v_mm, budget.delta_v_sigma_mm))
-        .or_else(|| findings.delta_v_air.map(|(delta_v, sigma)| (delta_v + findings.trim_mm, sigma)))
+        .or_else(|| {
+            let here = findings.delta_v_air.filter(|_| focus_rests);
+            here.map(|(delta_v, sigma)| (delta_v + findings.trim_mm, sigma))
+        })
         .unzip();
-    let (e_mm, e_sigma_mm) = budget.as_ref().map(|budget| (budget.e_mm, budget.e_sigma_mm)).or(findings.e).unzip();
+    let (e_mm, e_sigma_mm) = budget
+        .as_ref()
+        .map(|budget| (budget.e_mm, budget.e_sigma_mm))
+        .or_else(|| findings.e.filter(|_| e_rests))
+        .unzip();
     // What is aimed for at the e that was reached: "re-optimise Δv with e fixed".
     let delta_v_target_mm = e_mm.map_or(solution.delta_v, |e| design.clarity(e).delta_v);
     let half_width_mm = config.sensor_extent().width / 2.0;
-    let tilt_px = findings.seen.as_ref().map(|seen| [seen.spacing.tilt_x_px, seen.spacing.tilt_y_px]);
+    // Over the levels of a board the spacing changes by what they stand apart.
+    let of_one_board = seen.filter(|seen| seen.in_view != InView::SteppedBoard);
+    let tilt_px = of_one_board.map(|seen| [seen.spacing.tilt_x_px, seen.spacing.tilt_y_px]);
     let slope = findings.camera.map(|camera| camera.slope_delta_v(e_mm.unwrap_or(solution.e), findings.trim_mm));
-    let delta_v = delta_v_mm.unwrap_or(solution.delta_v);
-    let e = e_mm.unwrap_or(solution.e);
+    // The aperture is to be set for what is aimed at until Δv is known.
+    let aperture_mm = design.aperture(delta_v_mm.unwrap_or(solution.delta_v));
     let blur_mm = config.assembly.blur_limit_px * eye.pixel_mm();
-    let depth = design.depth_of_field(delta_v, e, blur_mm);
-    let e_tolerance = design.e_tolerance(delta_v, blur_mm);
+    let reached = delta_v_mm.zip(e_mm);
+    let depth = reached.and_then(|(delta_v, e)| design.depth_of_field(delta_v, e, blur_mm));
+    let e_tolerance = reached.and_then(|(delta_v, _)| design.e_tolerance(delta_v, blur_mm));
+    let fov_water = reached.and_then(|(delta_v, e)| design.fov_in_water(2.0 * half_width_mm, delta_v, e));
     let mut notes = findings.notes.clone();
     if context.snapshot().simulated {
         notes.insert(0, "SIMULATED: no real device was driven".to_owned());
@@ -77,6 +118,7 @@ pub(super) fn report(
     notes.push(
         "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
     );
+    notes.extend(measured.filter(|_| seen.is_none()).map(|seen| before_last_move(seen, findings)));
     notes.extend(budget.iter().flat_map(|budget| budget.contradictions.clone()));
     let truth = context.truth().map(|mut truth| {
         if let (Some(truth), Some(air)) = (truth.as_object_mut(), &findings.truth_air) {
@@ -95,19 +137,19 @@ pub(super) fn report(
         delta_v_mm,
         delta_v_sigma_mm,
         delta_v_target_mm,
-        delta_v_air_mm: findings.delta_v_air.map(|(delta_v, _)| delta_v),
+        delta_v_air_mm: findings.delta_v_air.filter(|_| findings.air_done).map(|(delta_v, _)| delta_v),
         delta_v_air_target_mm: solution.delta_v,
         e_mm,
         e_sigma_mm,
         e_target_mm: solution.e,
         e_wall_mm: motion.e_wall_mm(),
-        focus_readback_mm: motion.position_mm(AxisName::Focus).ok(),
-        e_readback_mm: motion.position_mm(AxisName::E).ok(),
+        focus_readback_mm: readbacks_mm[0],
+        e_readback_mm: readbacks_mm[1],
         image_distance_mm: delta_v_mm.map(|delta_v| design.air_image_distance() + delta_v),
-        spacing_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_px),
-        spacing_sigma_px: findings.seen.as_ref().map(|seen| seen.spacing.spacing_sigma_px),
+        spacing_px: seen.map(|seen| seen.spacing.spacing_px),
+        spacing_sigma_px: seen.map(|seen| seen.spacing.spacing_sigma_px),
         // One seen in air is not for the shell's target, which holds once the shell is on.
-        spacing_target_px: findings.seen.as_ref().map_or_else(|| eye.target_px(), |seen| seen.target_px),
+        spacing_target_px: seen.map_or_else(|| eye.target_px(), |seen| seen.target_px),
         spacing_targets: SpacingTargets {
             paraxial_px: eye.paraxial_target_px(),
             chief_ray_px: design
@@ -118,15 +160,15 @@ pub(super) fn report(
         },
         moves_air: findings.moves_air,
         moves_shell: findings.moves_shell,
-        fov_water_deg: design.fov_in_water(2.0 * half_width_mm, delta_v, e).map(f64::to_degrees),
-        aperture_mm: design.aperture(delta_v),
-        aperture_ring_f_number: design.main_lens.ring_f_number(design.aperture(delta_v)),
+        fov_water_deg: fov_water.map(f64::to_degrees),
+        aperture_mm,
+        aperture_ring_f_number: design.main_lens.ring_f_number(aperture_mm),
         depth_of_field: depth.map(|depth| Interval { low_mm: Some(depth.near), high_mm: depth.far }),
         e_tolerance: e_tolerance.map(|e| Interval { low_mm: e.low, high_mm: e.high }),
         tilt_px,
         tilt_deg: tilt_px.zip(slope).map(|(tilt, slope)| tilt.map(|t| tilt_deg(t, slope, half_width_mm))),
         eog_before: findings.eog_before,
-        eog_after: findings.eog_after,
+        eog_after: findings.eog_after.filter(|_| seen.is_some()),
         focus_scale: findings.focus_scale,
         e_scale: findings.e_scale,
         l_bound_mm,

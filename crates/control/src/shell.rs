@@ -138,6 +138,8 @@ pub struct ShellLoop {
     previous: Option<ShellObservation>,
     probed: bool,
     moves: u32,
+    /// Whether the picture has followed a move of e.
+    followed: bool,
     at_optimum: bool,
     trimmed: bool,
     /// Trims in a row that the picture has contradicted by as little as an axis sticks.
@@ -170,6 +172,7 @@ impl ShellLoop {
             previous: None,
             probed: false,
             moves: 0,
+            followed: false,
             at_optimum: false,
             trimmed: false,
             stuck: 0,
@@ -189,6 +192,12 @@ impl ShellLoop {
     #[must_use]
     pub fn model(&self) -> &AxisModel {
         &self.model
+    }
+
+    /// True travel of e over commanded travel, once the picture has followed a move: until then it is the configuration's.
+    #[must_use]
+    pub fn scale(&self) -> Option<f64> {
+        self.followed.then(|| self.model.scale().0)
     }
 
     /// The measurements at the present pose, combined.
@@ -246,6 +255,7 @@ impl ShellLoop {
         {
             return ShellDecision::Fault(fault);
         }
+        self.followed |= self.previous.is_some_and(|before| (before.e_reading_mm - here.e_reading_mm).abs() > 1e-6);
         if !self.trimmed {
             // After a trim the spacing says what the trim did, no longer where e is.
             let e = self.camera.e_mm(observation.spacing_px, observation.trim_mm);

@@ -36,6 +36,7 @@ impl Alignment<'_> {
         let setup = Setup::WaterBoard { distance_mm };
         // From here on the shell counts as on, whatever becomes of the confirmation.
         self.motion.set_shell(ShellState::On);
+        self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
         self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
@@ -81,7 +82,7 @@ impl Alignment<'_> {
                 sigma_random_px: seen.sigma_random_px,
             };
             let decision = shell.next(observation, |here| self.room(here, seen.window_px));
-            self.keep_shell(&shell, step, &seen, e_reading_mm, trim_mm);
+            self.keep_shell(&shell, &seen, e_reading_mm, trim_mm);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
             match decision {
@@ -103,6 +104,7 @@ impl Alignment<'_> {
                 ShellDecision::MoreFrames => (kind, predicted) = (IterationKind::Verify, None),
                 ShellDecision::Verify => (kind, predicted, frames) = (IterationKind::Verify, None, VERIFY_FRAMES),
                 ShellDecision::Done => {
+                    self.keep_shell_done(&shell, step);
                     self.note_turned_board(&look, in_air.as_ref(), &seen);
                     self.note_held_off(&shell);
                     return Ok(());

@@ -100,7 +100,7 @@ impl Alignment<'_> {
     fn swept_way(&self, axis: AxisName) -> Option<SweptWay> {
         let focus_mm = self.motion.position_mm(AxisName::Focus).ok();
         let calibrated = self.eye.air_step().zip(focus_mm).map(|(air, focus_mm)| {
-            let trim_mm = (focus_mm - air.focus_mm) * air.focus_scale;
+            let trim_mm = (focus_mm - air.focus_mm) * air.focus_scale.unwrap_or(1.0);
             CalibratedCamera { lens_to_mla_mm: air.camera.lens_to_mla_mm + trim_mm, ..air.camera }
         });
         let to_scale = calibrated.is_some() || axis == AxisName::Focus;

@@ -22,8 +22,8 @@ pub(super) struct AirStep {
     pub(super) boards: Option<[BoardSeen; 3]>,
     /// Readback of the focus axis then, mm.
     pub(super) focus_mm: f64,
-    /// Travel of the focus axis over its reading, as the boards had it.
-    pub(super) focus_scale: f64,
+    /// Travel of the focus axis over its reading, as the boards had it; `None` where it had not been moved.
+    pub(super) focus_scale: Option<f64>,
     /// What boards showed at other places of the axis.
     pub(super) places: Vec<AirPlace>,
 }
@@ -72,7 +72,8 @@ impl Alignment<'_> {
         self.findings.solution = Some(solution);
         self.findings.camera = Some(kept.camera);
         self.findings.delta_v_air = Some(kept.delta_v);
-        self.findings.focus_scale = Some(kept.focus_scale);
+        self.findings.air_done = true;
+        self.findings.focus_scale = kept.focus_scale;
         // A homing that takes the focus axis along would lose Δv.
         if self.eye.bench().stage(AxisName::E).homes_also().is_none() {
             self.withdraw_e(&plan).await?;

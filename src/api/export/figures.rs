@@ -2,8 +2,12 @@
 
 use crate::control::job::{Interval, Report};
 
+const NOT_MEASURED: &str = "not measured";
+
 /// What a report says, line by line: a name and a value with its uncertainty.
 pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
+    // What follows from Δv and e is not told without both.
+    let reached = report.delta_v_mm.is_some() && report.e_mm.is_some();
     let mut rows = vec![
         (
             "Δv",
@@ -45,7 +49,7 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
                 pixels(targets.window_px)
             )
         }),
-        ("moves", format!("{} in air, {} with the shell", report.moves_air, report.moves_shell)),
+        ("moves", format!("{} in air, {} with the shell, probes not counted", report.moves_air, report.moves_shell)),
         ("shell step", report.shell_step_done.clone()),
         ("readbacks", {
             let (focus, e) = (report.focus_readback_mm, report.e_readback_mm);
@@ -53,11 +57,15 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         }),
         (
             "field of view in water",
-            report.fov_water_deg.map_or_else(|| "past the shell".to_owned(), |fov| format!("{fov:.2}°")),
+            match report.fov_water_deg {
+                Some(fov) => format!("{fov:.2}°"),
+                None if reached => "past the shell".to_owned(),
+                None => NOT_MEASURED.to_owned(),
+            },
         ),
         ("aperture", format!("{:.3} mm, f/{:.2} on the ring", report.aperture_mm, report.aperture_ring_f_number)),
-        ("depth of field in water", interval(report.depth_of_field, 0)),
-        ("tolerance of e", interval(report.e_tolerance, 2)),
+        ("depth of field in water", interval(report.depth_of_field, reached, 0)),
+        ("tolerance of e", interval(report.e_tolerance, reached, 2)),
         ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),
     ];
     if let Some(budget) = &report.budget {
@@ -106,12 +114,15 @@ pub(crate) fn value(value: Option<f64>, sigma: Option<f64>, digits: usize) -> St
     match (value, sigma) {
         (Some(value), Some(sigma)) => format!("{value:.digits$} ± {sigma:.digits$} mm"),
         (Some(value), None) => format!("{value:.digits$} mm"),
-        (None, _) => "not measured".to_owned(),
+        (None, _) => NOT_MEASURED.to_owned(),
     }
 }
 
-fn interval(interval: Option<Interval>, digits: usize) -> String {
-    let Some(interval) = interval else { return "none is that sharp".to_owned() };
+/// `reached` says whether that from which an interval follows was measured.
+fn interval(interval: Option<Interval>, reached: bool, digits: usize) -> String {
+    let Some(interval) = interval else {
+        return if reached { "none is that sharp" } else { NOT_MEASURED }.to_owned();
+    };
     let end = |end: Option<f64>| end.map_or_else(|| "∞".to_owned(), |end| format!("{end:.digits$} mm"));
     format!("{} to {}", end(interval.low_mm), end(interval.high_mm))
 }

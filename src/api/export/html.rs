@@ -212,7 +212,7 @@ fn pictures(page: &mut String, archive: &JobArchive) {
     for picture in &archive.pictures {
         let caption = match picture.name.as_str() {
             "before" => "with the shell, before its first move",
-            "after" => "at the end",
+            "after" => "in the last measurement",
             other => other,
         };
         let simulated = if archive.job.simulated { " · SIMULATED" } else { "" };

@@ -5160,7 +5160,7 @@ export interface components {
       budget?: components["schemas"]["Budget"] | null;
       /**
        * Format: double
-       * @description Δv at the end of the air step, mm.
+       * @description Δv at the end of the air step, mm; `null` where it came to none.
        */
       delta_v_air_mm?: number | null;
       /**
@@ -5170,7 +5170,7 @@ export interface components {
       delta_v_air_target_mm: number;
       /**
        * Format: double
-       * @description Δv as measured, mm.
+       * @description Δv as measured, mm; `null` where the focus axis has been moved since it was.
        */
       delta_v_mm?: number | null;
       /**
@@ -5188,7 +5188,7 @@ export interface components {
       design_origin: string;
       /**
        * Format: double
-       * @description e as the picture has it, mm.
+       * @description e as the picture has it, mm; `null` where the axis has been moved since it was measured.
        */
       e_mm?: number | null;
       /**
@@ -5198,7 +5198,7 @@ export interface components {
       e_readback_mm?: number | null;
       /**
        * Format: double
-       * @description True travel over commanded travel as the picture has it, e axis.
+       * @description True travel over commanded travel as the picture has it, e axis; `null` where it was not seen to move.
        */
       e_scale?: number | null;
       /**
@@ -5234,12 +5234,13 @@ export interface components {
       focus_readback_mm?: number | null;
       /**
        * Format: double
-       * @description True travel over commanded travel as the picture has it, focus axis.
+       * @description True travel over commanded travel as the picture has it, focus axis; `null` where it was not seen to move.
        */
       focus_scale?: number | null;
       /**
        * Format: double
-       * @description Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell.
+       * @description Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell, or Δv
+       *     or e was not measured.
        */
       fov_water_deg?: number | null;
       /**
@@ -5259,12 +5260,12 @@ export interface components {
       l_bound_sigma_mm?: number | null;
       /**
        * Format: int32
-       * @description Moves in the air step.
+       * @description Moves in the air step, its probe not counted.
        */
       moves_air: number;
       /**
        * Format: int32
-       * @description Moves in the shell step.
+       * @description Moves in the shell step, its probe not counted.
        */
       moves_shell: number;
       /** @description What a reader should know before trusting the figures, one sentence each. */
@@ -5277,7 +5278,7 @@ export interface components {
       shell_step_done: string;
       /**
        * Format: double
-       * @description Spacing at the end, px.
+       * @description Spacing at the end, px; `null` where an axis has been moved since it was measured.
        */
       spacing_px?: number | null;
       /**
@@ -5294,7 +5295,7 @@ export interface components {
       spacing_targets: components["schemas"]["SpacingTargets"];
       /** @description The same as an angle between lens and MLA if nothing else were tilted, degrees. */
       tilt_deg?: number[] | null;
-      /** @description Tilt along x and y at the end, px per half frame width. */
+      /** @description Tilt along x and y at the end, px per half frame width; `null` over a board of several levels. */
       tilt_px?: number[] | null;
       time_spent?: components["schemas"]["TimeSpent"] | null;
       /** @description The simulated truth, on a simulated bench. */

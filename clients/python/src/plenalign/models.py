@@ -1781,31 +1781,35 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     report of a version that did not tell.
     """
     delta_v_air_mm: float | None = None
-    """Δv at the end of the air step, mm."""
+    """Δv at the end of the air step, mm; `null` where it came to none."""
     delta_v_air_target_mm: float
     """Δv wanted in the air step, mm."""
     delta_v_mm: float | None = None
-    """Δv as measured, mm."""
+    """Δv as measured, mm; `null` where the focus axis has been moved since it was."""
     delta_v_sigma_mm: float | None = None
     """Its standard uncertainty, mm."""
     delta_v_target_mm: float
     """Δv wanted for the e reached, mm."""
     depth_of_field: Interval | None = None
-    """Depth of field in water, from the shell's outer vertex; `null` where nothing is that sharp."""
+    """Depth of field in water, from the shell's outer vertex; `null` where nothing is that sharp, or Δv or e was
+    not measured.
+    """
     design_origin: str
     """Where the design's numbers come from."""
     e_mm: float | None = None
-    """e as the picture has it, mm."""
+    """e as the picture has it, mm; `null` where the axis has been moved since it was measured."""
     e_readback_mm: float | None = None
     """Readback of the e axis, mm."""
     e_scale: float | None = None
-    """True travel over commanded travel as the picture has it, e axis."""
+    """True travel over commanded travel as the picture has it, e axis; `null` where it was not seen to move."""
     e_sigma_mm: float | None = None
     """Its standard uncertainty, mm."""
     e_target_mm: float
     """e wanted, mm."""
     e_tolerance: Interval | None = None
-    """e values between which the blur stays within the limit, Δv held; `null` where there are none."""
+    """e values between which the blur stays within the limit, Δv held; `null` where there are none, or Δv or e was
+    not measured.
+    """
     e_wall_mm: float
     """The e wall, mm."""
     eog_after: float | None = None
@@ -1815,9 +1819,11 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     focus_readback_mm: float | None = None
     """Readback of the focus axis, mm."""
     focus_scale: float | None = None
-    """True travel over commanded travel as the picture has it, focus axis."""
+    """True travel over commanded travel as the picture has it, focus axis; `null` where it was not seen to move."""
     fov_water_deg: float | None = None
-    """Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell."""
+    """Field of view in water over the sensor's width, degrees; `null` where the edge sees past the shell, or Δv or
+    e was not measured.
+    """
     image_distance_mm: float | None = None
     """v + Δv, mm."""
     l_bound_mm: float
@@ -1825,9 +1831,9 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     l_bound_sigma_mm: float | None = None
     """Uncertainty of a measured l_bound, mm."""
     moves_air: int
-    """Moves in the air step."""
+    """Moves in the air step, its probe not counted."""
     moves_shell: int
-    """Moves in the shell step."""
+    """Moves in the shell step, its probe not counted."""
     notes: list[str]
     """What a reader should know before trusting the figures, one sentence each."""
     outcome: JobState
@@ -1837,7 +1843,7 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     shell_step_done: str
     """What the shell step changed to meet the criterion, in words."""
     spacing_px: float | None = None
-    """Spacing at the end, px."""
+    """Spacing at the end, px; `null` where an axis has been moved since it was measured."""
     spacing_sigma_px: float | None = None
     """Its standard uncertainty, px."""
     spacing_target_px: float
@@ -1847,7 +1853,7 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     tilt_deg: list[float] | None = None
     """The same as an angle between lens and MLA if nothing else were tilted, degrees."""
     tilt_px: list[float] | None = None
-    """Tilt along x and y at the end, px per half frame width."""
+    """Tilt along x and y at the end, px per half frame width; `null` over a board of several levels."""
     time_spent: TimeSpent | None = None
     """Where the time went; `null` in a report of a version that did not tell."""
     truth: dict[str, Any] | None = None

@@ -63,7 +63,7 @@ impl Service {
                 delta_v_sigma_mm: air.delta_v.1,
                 focus_mm: air.focus_mm,
                 boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
-                focus_scale: Some(air.focus_scale),
+                focus_scale: air.focus_scale,
                 places: air.places.iter().map(messages::AirPlace::from).collect(),
             }),
             white_frame_before: self.eye.white_frame().is_some(),
@@ -106,7 +106,7 @@ impl Service {
                 delta_v: (air.delta_v_mm, air.delta_v_sigma_mm),
                 boards: boards(&air.boards).try_into().ok(),
                 focus_mm: air.focus_mm,
-                focus_scale: air.focus_scale.unwrap_or(1.0),
+                focus_scale: air.focus_scale,
                 places: air.places.iter().map(AirPlace::from).collect(),
             });
         }

@@ -234,7 +234,7 @@ export const report: typeof en.report = {
   noTolerance: "kein e innerhalb der zulässigen Unschärfe",
   targetOf: (value) => `Sollwert ${value}`,
   ring: (diameter, number) => `${diameter}, f/${number} am Blendenring`,
-  movesOf: (air, shell) => `${air} in Luft, ${shell} mit Kugelschale`,
+  movesOf: (air, shell) => `${air} in Luft, ${shell} mit Kugelschale, ohne Probefahrten`,
   axesAt: (focus, e) => `Fokus ${focus}, e ${e}`,
   tiltOf: (x, y) => `${x} entlang x, ${y} entlang y`,
   targetsOf: (paraxial, chief, window) =>

@@ -230,7 +230,7 @@ export const report = {
   noTolerance: "no e is within the blur limit",
   targetOf: (value: string) => `target ${value}`,
   ring: (diameter: string, number: string) => `${diameter}, f/${number} on the ring`,
-  movesOf: (air: number, shell: number) => `${air} in air, ${shell} with the shell`,
+  movesOf: (air: number, shell: number) => `${air} in air, ${shell} with the shell, probes not counted`,
   axesAt: (focus: string, e: string) => `focus ${focus}, e ${e}`,
   tiltOf: (x: string, y: string) => `${x} along x, ${y} along y`,
   targetsOf: (paraxial: string, chief: string, window: string) =>

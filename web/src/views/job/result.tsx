@@ -22,8 +22,11 @@ export function figures(report: Report, unit: LengthUnit): [string, string, "en"
   const spacing = (px: number | null | undefined) => (typeof px === "number" ? pixels(px, 4) : words.unknown);
   const end = (mm: number | null | undefined, digits: number) =>
     typeof mm === "number" ? length(mm, unit, digits) : words.infinity;
+  // What follows from Δv and e is not told without both.
+  const isReached = typeof report.delta_v_mm === "number" && typeof report.e_mm === "number";
+  const without = (none: string) => (isReached ? none : words.notMeasured);
   const between = (interval: Report["depth_of_field"], digits: number, none: string) =>
-    interval ? words.fromTo(end(interval.low_mm, digits), end(interval.high_mm, digits)) : none;
+    interval ? words.fromTo(end(interval.low_mm, digits), end(interval.high_mm, digits)) : without(none);
   const against = (value: string | null, target: string) =>
     `${value ?? words.notMeasured}, ${words.targetOf(target)}`;
   const rows: [string, string, "en"?][] = [
@@ -49,7 +52,10 @@ export function figures(report: Report, unit: LengthUnit): [string, string, "en"
       words.aperture,
       words.ring(length(report.aperture_mm, unit, 3), fixed(report.aperture_ring_f_number, 2)),
     ],
-    [words.fov, typeof report.fov_water_deg === "number" ? angle(report.fov_water_deg, 2) : words.pastShell],
+    [
+      words.fov,
+      typeof report.fov_water_deg === "number" ? angle(report.fov_water_deg, 2) : without(words.pastShell),
+    ],
     [words.depth, between(report.depth_of_field, 0, words.notSharp)],
     [words.tolerance, between(report.e_tolerance, 2, words.noTolerance)],
     [words.axes, words.axesAt(at(report.focus_readback_mm), at(report.e_readback_mm))],

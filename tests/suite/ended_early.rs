@@ -1,0 +1,86 @@
+//! Reports of jobs that ended before what they were for: what was not measured is not told.
+
+use std::sync::Arc;
+
+use plenalign::api::export;
+use plenalign::control::Service;
+use plenalign::control::events::Event;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, Stage};
+use plenalign::device::faults::Faults;
+
+use super::bench::{align, run, service, small_config};
+
+/// Waits for a job to have come so far.
+async fn once(service: &Arc<Service>, there: impl Fn(&JobSnapshot) -> bool) -> JobSnapshot {
+    let mut events = service.subscribe();
+    loop {
+        if let Ok(Event::Job { job }) = events.recv().await
+            && there(&job)
+        {
+            return *job;
+        }
+    }
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_stopped_shell_step_does_not_tell_what_was_before_its_last_move() {
+    let service = service(small_config(1)).await;
+    let stopping = tokio::spawn({
+        let service = Arc::clone(&service);
+        async move {
+            let through_shell = |job: &JobSnapshot| job.iterations.iter().any(|it| it.stage == Stage::Shell);
+            let job = once(&service, through_shell).await;
+            let from = job.iterations.last().unwrap().e_mm.unwrap();
+            let mut e = service.bench().e.state();
+            e.wait_for(|e| e.moving && (e.position.value() - from).abs() > 0.2).await.unwrap();
+            service.stop(tokio::time::Instant::now(), "a test").await;
+            from
+        }
+    });
+    let job = align(&service).await;
+    let measured_at = stopping.await.unwrap();
+    assert_eq!(job.state, JobState::Cancelled, "{:?}", job.reason);
+    let report = job.report.as_ref().unwrap();
+    assert!((report.e_readback_mm.unwrap() - measured_at).abs() > 0.1, "{report:?}");
+    assert_eq!((report.e_mm, report.spacing_px, report.tilt_px, report.eog_after), (None, None, None, None));
+    assert!(report.budget.is_none() && report.depth_of_field.is_none() && report.e_tolerance.is_none());
+    assert_eq!(report.fov_water_deg, None);
+    // The focus axis has not moved since.
+    assert!(report.delta_v_mm.is_some() && report.delta_v_air_mm.is_some());
+    assert!(report.shell_step_done.starts_with("ended before"), "{}", report.shell_step_done);
+    let note = report.notes.iter().find(|note| note.contains("before the last move")).unwrap();
+    assert!(note.contains(&format!("the e axis at {measured_at:.4} mm")), "{note}");
+    let page = export::html(&service.archive(job.id).await.unwrap());
+    let row = |name: &str, value: &str| format!("<tr><th scope=\"row\">{name}</th><td>{value}");
+    assert!(page.contains(&row("e", "not measured")) && page.contains(&row("spacing", "not measured")));
+    assert!(page.contains(&row("depth of field in water", "not measured")));
+    assert!(!page.contains("outside tolerance"), "{:?}", report.notes);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_failed_air_step_tells_only_what_it_measured() {
+    let service = service(small_config(1)).await;
+    let stalling = tokio::spawn({
+        let service = Arc::clone(&service);
+        async move {
+            once(&service, |job| !job.iterations.is_empty()).await;
+            let mut faults = Faults::default();
+            faults.focus.stalled = true;
+            service.set_faults(faults);
+        }
+    });
+    let job = run(&service, JobRequest::of(JobKind::AirOnly)).await;
+    stalling.await.unwrap();
+    assert_eq!(job.state, JobState::Failed, "{:?}", job.reason);
+    assert!(job.reason.as_deref().unwrap().contains("the focus axis does not move"), "{:?}", job.reason);
+    let report = job.report.as_ref().unwrap();
+    // No move was seen, no air step came to its end, and the board has levels.
+    assert_eq!((report.focus_scale, report.e_scale), (None, None));
+    assert_eq!((report.delta_v_air_mm, report.tilt_px, report.tilt_deg), (None, None, None));
+    assert!(report.depth_of_field.is_none() && report.e_tolerance.is_none() && report.fov_water_deg.is_none());
+    // The picture says where the camera is, whatever the axis reads.
+    assert!(report.delta_v_mm.unwrap().abs() < 0.5, "{report:?}");
+    let page = export::html(&service.archive(job.id).await.unwrap());
+    assert!(!page.contains("as the picture has it</td>") && !page.contains("tilt x, y"), "{report:?}");
+    assert!(page.contains("probes not counted") && page.contains("depth of field in water</th><td>not measured"));
+}
