@@ -5,6 +5,7 @@ use std::fmt::Write;
 use serde_json::{Value, json};
 
 use crate::api::export::figures::{BUDGET, budget, figures, value};
+use crate::api::export::outcome::outcome_figures;
 use crate::control::job::{Iteration, IterationKind, JobSnapshot, JobState, OperatorStep, Stage};
 
 /// One iteration as a line: where the axes are, what was measured against what is wanted, what was decided.
@@ -45,10 +46,7 @@ pub(crate) fn report_text(job: &JobSnapshot) -> String {
         let _ = writeln!(text, "  {reason}");
     }
     if let Some(report) = &job.report {
-        text.push('\n');
-        for (name, value) in figures(report) {
-            let _ = writeln!(text, "  {name:<26} {value}");
-        }
+        push_figures(&mut text, &figures(report));
         for note in &report.notes {
             let _ = writeln!(text, "  note: {note}");
         }
@@ -61,7 +59,17 @@ pub(crate) fn report_text(job: &JobSnapshot) -> String {
             }
         }
     }
+    if let Some(outcome) = &job.outcome {
+        push_figures(&mut text, &outcome_figures(outcome));
+    }
     text
+}
+
+fn push_figures(text: &mut String, rows: &[(&str, String)]) {
+    text.push('\n');
+    for (name, value) in rows {
+        let _ = writeln!(text, "  {name:<26} {value}");
+    }
 }
 
 /// A job's end as one JSON object: the report's own keys, the iterations, and which job it was.

@@ -1,5 +1,6 @@
 //! Each kind of job from its start to its end on the simulated bench.
 
+use plenalign::api::export;
 use plenalign::control::events::InView;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
@@ -119,12 +120,17 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
     };
     let measured = *measured;
     assert_eq!(swept.iterations.len(), measured as usize);
-    assert_eq!(swept.progress.measure, None, "where it ended is nothing that it reached");
     assert!(measured >= 4, "{measured}");
     assert!((crossing_mm.unwrap() - 2.2).abs() < 0.3 && slope_px_per_mm.unwrap() < 0.0, "{crossing_mm:?}");
     // Between two of five places the spacing is no straight line; the curve knows.
     let best = best_focus.as_ref().unwrap();
     assert!((best.position_mm - crossing_mm.unwrap()).abs() < 0.05 && best.sigma_mm < 0.05, "{best:?}");
+    // Where it ended is nothing that it reached.
+    let reached = swept.progress.measure.as_ref().unwrap();
+    assert_eq!((reached.name.as_str(), reached.value, reached.target), ("best_focus_mm", best.position_mm, None));
+    let page = export::html(&service.archive(swept.id).await.unwrap());
+    let told = format!("best focus</th><td>{:.4} ± {:.4} mm", best.position_mm, best.sigma_mm);
+    assert!(page.contains("<h2>Figures</h2>") && page.contains(&told), "{told}");
     assert!(swept.iterations.iter().all(|it| it.eog.is_some_and(|eog| eog > 0.0)));
     let focus = service.bench_view().axes[0].position_mm.unwrap();
     assert!((focus - start).abs() < 0.01, "{focus}, not back at {start}");
@@ -150,4 +156,10 @@ async fn l_bound_alone_is_measured_and_holds_from_then_on() {
     assert!(sigma_mm > 0.0 && e_wall_mm < l_bound_mm);
     assert!((service.bench_view().e_wall_mm - e_wall_mm).abs() < 1e-12);
     assert!(job.report.is_none());
+    // Δv was on the way only.
+    let reached = job.progress.measure.as_ref().unwrap();
+    assert_eq!((reached.name.as_str(), reached.value, reached.sigma), ("l_bound_mm", l_bound_mm, sigma_mm));
+    let page = export::html(&service.archive(job.id).await.unwrap());
+    assert!(page.contains(&format!("l_bound</th><td>{l_bound_mm:.3} ± {sigma_mm:.3} mm")));
+    assert!(page.contains(&format!("e wall</th><td>{e_wall_mm:.3} mm")));
 }

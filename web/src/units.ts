@@ -124,7 +124,7 @@ export function signedAngle(degrees: number, digits: number): string {
   return `${signed(degrees, digits)}°`;
 }
 
-/** What a job reaches for: Δv in mm, or the spacing in px. */
+/** What a job reaches for: a length in mm, or the spacing in px. */
 interface Reached {
   name: string;
   value: number;
@@ -135,7 +135,7 @@ interface Reached {
 /** A job's figure with its standard uncertainty, and its target; each with its unit. */
 export function reached(measure: Reached, unit: LengthUnit): { value: string; target: string | null } {
   const { name, value, sigma, target } = measure;
-  const isLength = name === "delta_v_mm";
+  const isLength = name.endsWith("_mm");
   const text = isLength ? measuredLength(value, sigma, unit, 4) : measuredPixels(value, sigma, 4);
   const aim = typeof target !== "number" ? null : isLength ? length(target, unit, 4) : pixels(target, 4);
   return { value: text ?? "", target: aim };

@@ -65,6 +65,8 @@ describe("what a job reaches for", () => {
     const deltaV = { name: "delta_v_mm", value: 2.2073, sigma: 0.0004, target: 2.205 };
     expect(units.reached(deltaV, "µm")).toEqual({ value: "2207.3 ± 0.4 µm", target: "2205.0 µm" });
     const spacing = { name: "spacing_px", value: 19.7113, sigma: 0.0025, target: null };
+    const best = { name: "best_focus_mm", value: 2.0934, sigma: 0.0026 };
+    expect(units.reached(best, "mm")).toEqual({ value: "2.0934 ± 0.0026 mm", target: null });
     expect(units.reached(spacing, "µm")).toEqual({ value: "19.7113 ± 0.0025 px", target: null });
   });
 });

@@ -451,11 +451,12 @@ impl JobContext {
 
     /// What a job that is no alignment came to.
     pub(super) fn outcome(&self, outcome: Outcome) {
-        // What was measured at the last place of a sweep is not what the sweep was for.
-        let swept = matches!(outcome, Outcome::FocusSweep { .. });
         self.job.change(|job| {
+            // What was measured on the way is not what such a job was for.
+            if let Some(measure) = outcome.measure() {
+                job.progress.measure = measure;
+            }
             job.outcome = Some(outcome);
-            job.progress.measure.take_if(|_| swept);
         });
     }
 

@@ -3,6 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
+use super::job::Measure;
 use super::through_focus::FittedPlace;
 use bench::device::AxisName;
 
@@ -79,4 +80,21 @@ pub enum Outcome {
         /// Greatest spacing, px.
         greatest_px: f64,
     },
+}
+
+impl Outcome {
+    /// The figure that a job was for, where that is another than it measured on its way: the inner `None` where it came to
+    /// none.
+    pub(super) fn measure(&self) -> Option<Option<Measure>> {
+        let told = |name: &str, value: f64, sigma: f64| Measure { name: name.to_owned(), value, sigma, target: None };
+        match self {
+            Self::LBound { l_bound_mm, sigma_mm, .. } => Some(Some(told("l_bound_mm", *l_bound_mm, *sigma_mm))),
+            Self::FocusSweep { crossing_mm, crossing_sigma_mm, best_focus, .. } => {
+                let curve = best_focus.as_ref().map(|best| (best.position_mm, best.sigma_mm));
+                let best = curve.or(crossing_mm.zip(*crossing_sigma_mm));
+                Some(best.map(|(at_mm, sigma_mm)| told("best_focus_mm", at_mm, sigma_mm)))
+            }
+            Self::Homing { .. } | Self::Calibration { .. } | Self::SpacingWatch { .. } => None,
+        }
+    }
 }

@@ -3,6 +3,7 @@
 use std::fmt::Write as _;
 
 use super::figures::{BUDGET, budget, figures};
+use super::outcome::outcome_figures;
 use super::plot::{Point, Series, by_iteration, field_map};
 use super::steps::steps;
 use super::through_focus::through_focus;
@@ -49,15 +50,14 @@ pub fn html(archive: &JobArchive) -> String {
     banner(&mut page, archive);
     head(&mut page, archive);
     if let Some(report) = &job.report {
-        let _ = writeln!(page, "<h2>Figures</h2>\n<table>");
-        for (name, value) in figures(report) {
-            let _ = writeln!(page, "<tr><th scope=\"row\">{}</th><td>{}</td></tr>", escape(name), escape(&value));
-        }
-        page.push_str("</table>\n");
+        figures_table(&mut page, &figures(report));
         for note in &report.notes {
             let _ = writeln!(page, "<p class=\"quiet\">{}</p>", escape(note));
         }
         budget_table(&mut page, &budget(report));
+    }
+    if let Some(outcome) = &job.outcome {
+        figures_table(&mut page, &outcome_figures(outcome));
     }
     through_focus(&mut page, job);
     plots(&mut page, &job.iterations);
@@ -74,6 +74,14 @@ pub fn html(archive: &JobArchive) -> String {
     banner(&mut page, archive);
     page.push_str("</body>\n</html>\n");
     page
+}
+
+fn figures_table(page: &mut String, rows: &[(&str, String)]) {
+    let _ = writeln!(page, "<h2>Figures</h2>\n<table>");
+    for (name, value) in rows {
+        let _ = writeln!(page, "<tr><th scope=\"row\">{}</th><td>{}</td></tr>", escape(name), escape(value));
+    }
+    page.push_str("</table>\n");
 }
 
 fn budget_table(page: &mut String, rows: &[[String; 4]]) {

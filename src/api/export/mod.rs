@@ -4,6 +4,7 @@ mod csv;
 pub(crate) mod figures;
 mod html;
 mod json;
+pub(crate) mod outcome;
 mod plot;
 mod steps;
 mod through_focus;

@@ -4415,7 +4415,7 @@ export interface components {
     };
     /** @description The figure that a job brings to its target. */
     Measure: {
-      /** @description `delta_v_mm` or `spacing_px`. */
+      /** @description `delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm`, and of a measurement of l_bound `l_bound_mm`. */
       name: string;
       /**
        * Format: double

@@ -1226,7 +1226,9 @@ class Measure(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The figure that a job brings to its target."""
 
     name: str
-    """`delta_v_mm` or `spacing_px`."""
+    """`delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm`, and of a measurement of l_bound
+    `l_bound_mm`.
+    """
     sigma: float
     """The standard uncertainty of that."""
     target: float | None = None

@@ -88,7 +88,7 @@ async fn a_calibrated_camera_has_its_target_still_when_the_place_of_its_focus_ax
     let camera = preset();
     let camera = CalibratedCamera { mla_to_sensor_mm: camera.mla_to_sensor_mm * 1.01, ..camera };
     let delta_v = (2.2, 0.001);
-    let step = AirStep { camera, delta_v, boards: None, focus_mm: 2.1, focus_scale: 1.0, places: Vec::new() };
+    let step = AirStep { camera, delta_v, boards: None, focus_mm: 2.1, focus_scale: Some(1.0), places: Vec::new() };
     service.eye.motion().set_shell(ShellState::On);
     let (designed_px, source) = service.eye.target();
     assert_eq!(source, TargetSource::Design);

@@ -129,7 +129,8 @@ export const job: typeof en.job = {
   left: (text) => `noch etwa ${text}, ohne den Anteil der Bedienung`,
   figure: (of, value) => `${of} ${value}`,
   figureAimed: (of, value, target) => `${of} ${value}, Soll ${target}`,
-  of: (name) => (name === "delta_v_mm" ? "Δv" : "Punktabstand"),
+  of: (name) =>
+    ({ delta_v_mm: "Δv", best_focus_mm: "bester Fokus bei", l_bound_mm: "l_bound" })[name] ?? "Punktabstand",
   see: "Auftrag anzeigen",
   byWhom: (owner, when) => `${when} gestartet${owner && ` (${owner})`}`,
   earlier: "Dies ist ein früherer Auftrag.",

@@ -125,7 +125,8 @@ export const job = {
   left: (text: string) => `about ${text} left, not counting the operator’s part`,
   figure: (of: string, value: string) => `${of} ${value}`,
   figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
-  of: (name: string): string => (name === "delta_v_mm" ? "Δv" : "spacing"),
+  of: (name: string): string =>
+    ({ delta_v_mm: "Δv", best_focus_mm: "best focus at", l_bound_mm: "l_bound" })[name] ?? "spacing",
   see: "Show the job",
   byWhom: (owner: string, when: string) => `started by ${owner || "somebody"} at ${when}`,
   earlier: "This is a job of earlier on.",
