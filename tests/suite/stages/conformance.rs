@@ -15,7 +15,6 @@ use super::kit::{Kit, START, bench, every_protocol, homed, near};
 every_protocol!(
     it_says_what_it_is_and_moves_nothing_before_homing,
     homing_and_moves_end_where_they_say_and_when,
-    an_axis_stands_while_the_other_one_moves,
     a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position,
     a_stop_passes_what_waits,
     a_crowd_of_stops_takes_no_longer_than_two,
@@ -94,25 +93,6 @@ async fn homing_and_moves_end_where_they_say_and_when(driver: Protocol) {
     let state = rig.e.read_state().await.unwrap();
     assert!(state.homed && state.connected && !state.moving && state.at_rest_since.is_some(), "{state:?}");
     assert_eq!(state.fault, None);
-}
-
-async fn an_axis_stands_while_the_other_one_moves(driver: Protocol) {
-    let rig = homed(driver).await;
-    for (moves, stands, way) in [(&rig.focus, &rig.e, 4.9), (&rig.e, &rig.focus, 12.0)] {
-        let mover = moves.clone();
-        let moving = tokio::spawn(async move { mover.move_to(Millimetres(way), mover.generation()).await });
-        for _ in 0..3 {
-            elapse(Duration::from_millis(300)).await;
-            let states = [moves.state().borrow().moving, stands.state().borrow().moving];
-            assert_eq!(states, [true, false], "on the way to {way} mm");
-        }
-        moving.await.unwrap().unwrap();
-    }
-    let homer = rig.focus.clone();
-    let homing = tokio::spawn(async move { homer.home(homer.generation()).await });
-    elapse(Duration::from_millis(500)).await;
-    assert_eq!([rig.focus.state().borrow().moving, rig.e.state().borrow().moving], [true, false], "homing");
-    homing.await.unwrap().unwrap();
 }
 
 async fn a_stop_in_mid_move_takes_its_deceleration_and_keeps_the_position(driver: Protocol) {

@@ -167,13 +167,12 @@ impl Controller {
         let Some(machine) = machine else { return };
         let now = Instant::now();
         let quiet = self.alarm.borrow().is_none();
-        let (ordered, homing) = (*locked(&self.moved), self.homing.load(Ordering::SeqCst));
         if status.mode == Mode::Sleep {
             // The motors are off: the axes can be turned by hand.
             self.forget_positions();
             self.forget_ways();
         }
-        for (index, axis) in self.axes.iter().enumerate() {
+        for axis in &self.axes {
             let home = axis.link.home();
             let at = machine[axis.letter.index()];
             let pin = axis.note_pin(status.limits);
@@ -183,13 +182,9 @@ impl Controller {
                 // Why it was not there is no reason of now.
                 let back = !std::mem::replace(&mut state.connected, true);
                 state.position = position;
-                // The mode is the controller's: an axis that another one moves beside stands, unless its place changes.
-                let runs = !status.mode.at_rest();
-                let told = if homing { state.moving } else { ordered.is_none_or(|ordered| ordered == index) };
-                state.moving = runs && (told || moved);
+                state.moving = !status.mode.at_rest();
                 state.limit_switch = axis.pressed(status.limits);
-                // Nothing of it counts as settled before all of it rests.
-                if runs {
+                if state.moving {
                     state.at_rest_since = None;
                 } else if moved || state.at_rest_since.is_none() {
                     state.at_rest_since = Some(now);
