@@ -269,7 +269,12 @@ impl Eye {
     /// What the newest air step left: nothing once the focus axis's position has been unknown, because a new homing
     /// repeats to tenths of a millimetre and Δv is held to thousandths.
     pub(super) fn air_step(&self) -> Option<AirStep> {
-        self.kept_air_step().as_ref().filter(|kept| kept.holds).map(|kept| kept.step.clone())
+        self.last_air_step().filter(|(_, holds)| *holds).map(|(step, _)| step)
+    }
+
+    /// What the newest air step left, and whether something can go on from it.
+    pub(super) fn last_air_step(&self) -> Option<(AirStep, bool)> {
+        self.kept_air_step().as_ref().map(|kept| (kept.step.clone(), kept.holds))
     }
 
     fn kept_air_step(&self) -> MutexGuard<'_, Option<KeptAirStep>> {

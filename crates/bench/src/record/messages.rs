@@ -124,6 +124,9 @@ pub struct AirStep {
     /// What boards showed at other places of the axis.
     #[prost(message, repeated, tag = "10")]
     pub places: ::prost::alloc::vec::Vec<AirPlace>,
+    /// Whether the focus axis's place has been lost since: nothing goes on from it, and the camera is still that one.
+    #[prost(bool, tag = "11")]
+    pub place_lost: bool,
 }
 /// What boards in air showed where the focus axis stood.
 #[derive(Clone, PartialEq, ::prost::Message)]

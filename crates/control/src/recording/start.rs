@@ -54,7 +54,7 @@ impl Service {
             measured_contact: self.measured_contact(),
             spacing_target_px: self.eye.target_px(),
             aim_mm: self.eye.aim_mm(),
-            air_step: self.eye.air_step().map(|air| messages::AirStep {
+            air_step: self.eye.last_air_step().map(|(air, holds)| messages::AirStep {
                 lens_to_mla_mm: air.camera.lens_to_mla_mm,
                 mla_to_sensor_mm: air.camera.mla_to_sensor_mm,
                 image_distance_sigma_mm: air.camera.image_distance_sigma_mm,
@@ -65,6 +65,7 @@ impl Service {
                 boards: air.boards.iter().flatten().map(messages::BoardSeen::from).collect(),
                 focus_scale: air.focus_scale,
                 places: air.places.iter().map(messages::AirPlace::from).collect(),
+                place_lost: !holds,
             }),
             white_frame_before: self.eye.white_frame().is_some(),
             other_in_view: self.eye.in_view().lacks_flat_board(),
@@ -109,6 +110,9 @@ impl Service {
                 focus_scale: air.focus_scale,
                 places: air.places.iter().map(AirPlace::from).collect(),
             });
+            if air.place_lost {
+                self.eye.lose_air_step();
+            }
         }
         if let Some(white) = white {
             self.eye.learn(white.into()).await.map_err(|end| match end {
