@@ -29,7 +29,7 @@ export interface Scene {
   /** Whether a job would set Δv, in air, and not e through the shell. */
   inAir: boolean;
   /** The board, where its spacing is not to be compared with the target: of one of several levels that of the whole field is of
-   *  none of them, and one that stands elsewhere than the camera is to be focused has another target. */
+   *  none of them, and one that stands elsewhere than where the camera is to be focused has another target. */
   board: "levels" | "elsewhere" | null;
 }
 

@@ -51,9 +51,9 @@ impl InView {
         !matches!(self, Self::SteppedBoard | Self::BoardElsewhere)
     }
 
-    /// Whether it is known to be no flat board where the camera is to be focused.
+    /// Whether it is known to be no flat board.
     pub(super) const fn lacks_flat_board(self) -> bool {
-        matches!(self, Self::SteppedBoard | Self::BoardElsewhere | Self::Other)
+        matches!(self, Self::SteppedBoard | Self::Other)
     }
 }
 
@@ -68,6 +68,6 @@ mod tests {
         assert_eq!(InView::after(&flat(179.7), 167.16), Some(InView::BoardElsewhere));
         let levels = Setup::AirTripleBoard { distances_mm: [150.0, 167.2, 180.0] };
         assert_eq!(InView::after(&levels, 167.16), Some(InView::SteppedBoard));
-        assert!(InView::BoardElsewhere.lacks_flat_board() && !InView::FlatBoard.lacks_flat_board());
+        assert!(!InView::BoardElsewhere.is_aimed_at() && InView::FlatBoard.is_aimed_at());
     }
 }

@@ -120,12 +120,12 @@ export const meter = {
   /** `unresolved`: why no frame could be measured in whole, where none could. */
   doubtedMore: (unresolved: string) =>
     unresolved
-      ? `The spacing may be of none, until a frame can be measured in whole; none could be: ${unresolved}`
+      ? `The spacing may be no board’s until a frame can be measured in whole; none could be: ${unresolved}`
       : "The spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole",
   levelsMore:
     "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   elsewhereMore:
-    "The board stands elsewhere than the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
+    "The board stands elsewhere than where the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
   unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
     `The spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,
