@@ -7,6 +7,7 @@ use plenalign::control::Service;
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, Stage};
 use plenalign::device::faults::Faults;
+use tokio::sync::broadcast::error::RecvError;
 
 use super::bench::{align, run, service, small_config};
 
@@ -14,10 +15,10 @@ use super::bench::{align, run, service, small_config};
 async fn once(service: &Arc<Service>, there: impl Fn(&JobSnapshot) -> bool) -> JobSnapshot {
     let mut events = service.subscribe();
     loop {
-        if let Ok(Event::Job { job }) = events.recv().await
-            && there(&job)
-        {
-            return *job;
+        match events.recv().await {
+            Ok(Event::Job { job }) if there(&job) => return *job,
+            Ok(_) | Err(RecvError::Lagged(_)) => {}
+            Err(RecvError::Closed) => panic!("the service ended before its job"),
         }
     }
 }

@@ -39,8 +39,9 @@ pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option
     })
 }
 
-/// An axis whose readback has changed by more than this has been moved, mm.
-const MOVED_MM: f64 = 1e-4;
+/// An axis whose readback has changed by more than this has been moved, mm: a servo that holds its place may read a micrometre
+/// beside it.
+const MOVED_MM: f64 = 2e-3;
 
 /// Whether each axis still stands where it did in a measurement, by its readback (mm) now; one that is unknown does not.
 fn rest_since(seen: &Seen, readbacks_mm: [Option<f64>; 2]) -> [bool; 2] {
@@ -51,11 +52,17 @@ fn rest_since(seen: &Seen, readbacks_mm: [Option<f64>; 2]) -> [bool; 2] {
 }
 
 /// What the last measurement was and where, for a report of a job that has moved an axis since.
-fn before_last_move(seen: &Seen, findings: &Findings) -> String {
+fn before_last_move(seen: &Seen, findings: &Findings, readbacks_mm: [Option<f64>; 2]) -> String {
     let at = |mm: Option<f64>| mm.map_or_else(|| "an unknown place".to_owned(), |mm| format!("{mm:.4} mm"));
     let e = findings.e.map_or_else(String::new, |(e, sigma)| format!(", e by it {e:.3} ± {sigma:.3} mm"));
+    let places_known = readbacks_mm.iter().all(Option::is_some);
+    let beside = if places_known {
+        "is of before the last move and not of where the job ended"
+    } else {
+        "may not be of where the job ended, as the place of an axis has been lost"
+    };
     format!(
-        "the last measurement is of before the last move and not of where the job ended: with the focus axis at {} and the e axis at {} the spacing was {:.4} ± {:.4} px{e}",
+        "the last measurement {beside}: with the focus axis at {} and the e axis at {} the spacing was {:.4} ± {:.4} px{e}",
         at(seen.focus_mm),
         at(seen.e_mm),
         seen.spacing.spacing_px,
@@ -118,7 +125,7 @@ pub(super) fn report(
     notes.push(
         "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
     );
-    notes.extend(measured.filter(|_| seen.is_none()).map(|seen| before_last_move(seen, findings)));
+    notes.extend(measured.filter(|_| seen.is_none()).map(|seen| before_last_move(seen, findings, readbacks_mm)));
     notes.extend(budget.iter().flat_map(|budget| budget.contradictions.clone()));
     let truth = context.truth().map(|mut truth| {
         if let (Some(truth), Some(air)) = (truth.as_object_mut(), &findings.truth_air) {
