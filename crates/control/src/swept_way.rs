@@ -52,6 +52,8 @@ struct Place {
     reading_mm: f64,
     shown_mm: f64,
     sigma_mm: f64,
+    /// What play the axis may have had there, mm.
+    play_mm: f64,
 }
 
 /// The places that an axis has been at, in their order.
@@ -61,13 +63,15 @@ pub(super) struct SweptWay {
     /// Whether the picture tells how far the axis has gone, and not only that it has: the camera is calibrated, or it does
     /// not matter.
     to_scale: bool,
+    /// The axis's play, mm: where it stood at first it may have come to from either side.
+    play_mm: f64,
     places: Vec<Place>,
 }
 
 impl SweptWay {
     /// A way that has not begun. `to_scale` says that the camera's d is known well enough for lengths.
-    pub(super) fn new(shows: Shows, to_scale: bool) -> Self {
-        Self { shows, to_scale, places: Vec::new() }
+    pub(super) fn new(shows: Shows, to_scale: bool, play_mm: f64) -> Self {
+        Self { shows, to_scale, play_mm, places: Vec::new() }
     }
 
     /// Takes in the spacing (px) seen with the axis's reading at a place (mm). What contradicts that the axis has got there,
@@ -77,7 +81,8 @@ impl SweptWay {
         if !shown_mm.is_finite() || !sigma_mm.is_finite() {
             return None;
         }
-        let here = Place { reading_mm, shown_mm, sigma_mm };
+        let play_mm = if self.places.is_empty() { self.play_mm } else { 0.0 };
+        let here = Place { reading_mm, shown_mm, sigma_mm, play_mm };
         let before = self.places.iter().rev().find(|before| tells(before, &here)).copied();
         self.places.push(here);
         let before = before?;
@@ -86,16 +91,21 @@ impl SweptWay {
             here.reading_mm - before.reading_mm,
             here.shown_mm - before.shown_mm,
             before.sigma_mm.hypot(here.sigma_mm),
-            READBACK_TOLERANCE_MM,
+            slack(&before),
         );
         fault.filter(|fault| self.to_scale || !matches!(fault, MoveFault::WrongScale { .. }))
     }
 }
 
+/// What of a way from there readings and play may take away, mm.
+fn slack(before: &Place) -> f64 {
+    READBACK_TOLERANCE_MM.max(before.play_mm)
+}
+
 /// Whether an axis that stood still between two places would be told from one that moved.
 fn tells(before: &Place, here: &Place) -> bool {
     let (expected, sigma) = ((here.reading_mm - before.reading_mm).abs(), before.sigma_mm.hypot(here.sigma_mm));
-    (1.0 - SCALE_FAULT) * expected > 4.0 * sigma + READBACK_TOLERANCE_MM && expected > TELLING * sigma
+    (1.0 - SCALE_FAULT) * expected > 4.0 * sigma + slack(before) && expected > TELLING * sigma
 }
 
 #[cfg(test)]
@@ -111,7 +121,7 @@ mod tests {
 
     /// What is found fault with when the axis is at these readings and truly at these places, mm.
     fn faults(shows: Shows, spacing: impl Fn(f64) -> f64, places: &[(f64, f64)]) -> Vec<MoveFault> {
-        let mut way = SweptWay::new(shows, true);
+        let mut way = SweptWay::new(shows, true, 0.05);
         places.iter().filter_map(|&(reading, truly)| way.see(reading, spacing(truly), 0.004)).collect()
     }
 
