@@ -118,6 +118,25 @@ fn a_mosaic_measures_live_as_it_does_in_full() {
     assert!(grey.acquire(&raw).is_err());
 }
 
+/// Of such a field the model is widened between two steps.
+#[test]
+fn a_field_that_is_not_of_the_usual_shape_is_read_as_it_is_measured() {
+    let read = |name: &str| {
+        raw::read(&PathBuf::from(env!("CARGO_MANIFEST_DIR")).join(format!("tests/data/second/{name}.png"))).unwrap()
+    };
+    // Its pixels are of 6.9 µm.
+    let pitch_px = MLA_PITCH_PX / 2.0;
+    let (raw, options) = (read("wide_2048"), FrameOptions::new(pitch_px));
+    let white = WhiteModel::of(&read("wide_2048_white"), &options).unwrap();
+    let full =
+        measure_spacing(&[prepare_frame(&raw, Some(&white), &options).unwrap().frame], &options.spacing).unwrap();
+    let mut meter = LiveMeter::new(&white.grid, &white.vignetting, LiveOptions::new(pitch_px)).unwrap();
+    for live in [meter.acquire(&raw).unwrap(), meter.measure(&raw).unwrap()] {
+        println!("{live:?} for {full:?}");
+        assert!((live.on_axis_px - full.on_axis_px).abs() < live.sigma_px.hypot(full.sigma_px), "{live:?}, {full:?}");
+    }
+}
+
 #[test]
 fn free_directions_change_nothing_where_they_are_alike() {
     for name in ["air_charuco", "water_hexagonal"] {

@@ -10,7 +10,7 @@ use crate::imaging::matching::gains::{Gains, Light};
 use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
 use crate::imaging::matching::model::{FIELD_TERMS, Model, QUANTISATION, USUAL_TERMS};
 use crate::imaging::matching::motion::Motion;
-use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
+use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, NOTHING, Normal, noise_scale};
 use crate::imaging::matching::plan::Plan;
 use crate::imaging::matching::pupil::Pupil;
 use crate::imaging::matching::random::{Random, Setting};
@@ -264,14 +264,17 @@ impl Engine {
                 return Err(SpacingError::TooFewMicroImages { pairs, needed: LEAST_PAIRS }.into());
             }
             let Some(inverse) = normal.inverse() else { return Err(self.no_match(1, from_px, raw_noise)) };
-            let mut step = damping.damped(normal.step(&inverse));
+            let whole = normal.step(&inverse);
+            let mut step = damping.damped(&whole);
             ended(LivePart::Equations);
             let largest = step.abs().sum();
             if largest > 1.0 {
                 step /= largest;
             }
             model.advance(&step);
-            if largest > FINAL_STEP_PX && !normal.is_nothing(&before, &inverse, &step) {
+            let settled = largest <= FINAL_STEP_PX || normal.is_within(NOTHING, &before, &inverse, &step);
+            // A shortened step is short by itself: what it stands for is to be no more than noise makes of it.
+            if !(settled && (damping.is_free() || normal.is_within(1.0, &before, &inverse, &whole))) {
                 continue;
             }
             let correlation = normal.contents.correlation();

@@ -19,15 +19,23 @@ impl Damping {
         Self { iterations, done: 0, factor: 1.0, before: None }
     }
 
-    /// The next step, as long as it is to be.
-    pub(in crate::imaging) fn damped(&mut self, step: DVector<f64>) -> DVector<f64> {
-        let back = self.before.as_ref().is_some_and(|before| before.dot(&step) < 0.0);
+    /// Whether no step has been shortened.
+    pub(in crate::imaging) fn is_free(&self) -> bool {
+        self.factor >= 1.0
+    }
+
+    /// The next step, as long as it is to be. With other unknowns it begins anew.
+    pub(in crate::imaging) fn damped(&mut self, step: &DVector<f64>) -> DVector<f64> {
+        if self.before.as_ref().is_some_and(|before| before.len() != step.len()) {
+            *self = Self::new(self.iterations);
+        }
+        let back = self.before.as_ref().is_some_and(|before| before.dot(step) < 0.0);
         if back && 2 * self.done >= self.iterations {
             self.factor *= 0.5;
         }
         self.done += 1;
-        let damped = &step * self.factor;
-        self.before = Some(step);
+        let damped = step * self.factor;
+        self.before = Some(step.clone());
         damped
     }
 }
@@ -42,15 +50,22 @@ mod tests {
         let mut damping = Damping::new(20);
         for k in 0..10 {
             let there = if k % 2 == 0 { 1.0 } else { -1.0 };
-            assert_eq!(damping.damped(step(there)), step(there), "the first half of the iterations is free");
+            assert_eq!(damping.damped(&step(there)), step(there), "the first half of the iterations is free");
         }
         let lengths: Vec<f64> =
-            (0..8).map(|k| damping.damped(step(if k % 2 == 0 { 1.0 } else { -1.0 })).amax()).collect();
+            (0..8).map(|k| damping.damped(&step(if k % 2 == 0 { 1.0 } else { -1.0 })).amax()).collect();
         assert_eq!(lengths[..3], [0.5, 0.25, 0.125]);
         assert!(lengths[7] < 0.005, "{lengths:?}");
+        let mut damping = Damping::new(2);
+        for x in [1.0, -1.0, 1.0] {
+            damping.damped(&step(x));
+        }
+        assert!(!damping.is_free());
+        let wider = DVector::from_vec(vec![1.0, 0.1, 0.01]);
+        assert_eq!(damping.damped(&wider), wider);
         let mut damping = Damping::new(4);
         for _ in 0..4 {
-            assert_eq!(damping.damped(step(0.3)), step(0.3));
+            assert_eq!(damping.damped(&step(0.3)), step(0.3));
         }
     }
 }

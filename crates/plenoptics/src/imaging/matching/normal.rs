@@ -18,7 +18,7 @@ const LEAST_DEMAND: f64 = 16.0;
 /// Texture that is surer than this is there.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 /// Share of an unknown's standard uncertainty below which a step is none: in quadrature it adds a thousandth.
-const NOTHING: f64 = 0.05;
+pub(in crate::imaging) const NOTHING: f64 = 0.05;
 /// Field blocks of a frame.
 const FRAME_BLOCKS: usize = BLOCKS * BLOCKS;
 
@@ -190,10 +190,16 @@ impl Normal {
         inverse * &self.gradient
     }
 
-    /// Whether a step changes no unknown by more than a small part of what it is uncertain by.
-    pub(in crate::imaging) fn is_nothing(&self, model: &Model, inverse: &DMatrix<f64>, step: &DVector<f64>) -> bool {
+    /// Whether a step changes no unknown by more than this share of what it is uncertain by.
+    pub(in crate::imaging) fn is_within(
+        &self,
+        share: f64,
+        model: &Model,
+        inverse: &DMatrix<f64>,
+        step: &DVector<f64>,
+    ) -> bool {
         let covariance = self.scatter(model, inverse, step);
-        step.iter().zip(covariance.diagonal().iter()).all(|(step, variance)| step.abs() <= NOTHING * variance.sqrt())
+        step.iter().zip(covariance.diagonal().iter()).all(|(step, variance)| step.abs() <= share * variance.sqrt())
     }
 
     /// Covariance of the unknowns after `step` from the scatter of the gradient between field blocks: noise, and what the
