@@ -22,7 +22,7 @@ pub enum SpacingError {
         needed: usize,
     },
     /// Too many pixels are at the white level.
-    #[error("{:.0} % of the pixels are saturated: shorten the exposure or dim the light", share * 100.0)]
+    #[error("{:.0} % of the pixels within the micro-images are saturated: shorten the exposure or dim the light", share * 100.0)]
     Saturated {
         /// Share of saturated pixels within the micro-images.
         share: f64,
