@@ -3,8 +3,10 @@
 
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::device::AxisName;
+use plenalign::units::Millimetres;
 
-use super::bench::{run, service, small_config};
+use super::bench::{permit, run, service, small_config};
+use super::until::until;
 
 /// A request of a kind with what it cannot do without.
 fn request(kind: JobKind) -> JobRequest {
@@ -74,6 +76,32 @@ async fn a_job_finds_what_it_needs_after_another() {
         JobKind::SpacingWatch,
     ];
     walk(1, &kinds).await;
+}
+
+/// Where somebody has left an axis by hand is no obstacle either: what a first move has no room for there, a homing makes.
+#[tokio::test(start_paused = true)]
+async fn an_axis_left_at_an_end_of_its_travel_is_homed_before_anything_is_set_up() {
+    let config = small_config(3);
+    let high_mm = config.bench.focus.high_limit_mm;
+    let service = service(config).await;
+    let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
+    assert_eq!(homed.state, JobState::Succeeded, "{:?}", homed.reason);
+    for (axis, to_mm) in [(AxisName::Focus, high_mm - 0.3), (AxisName::E, 1.5)] {
+        service.move_axis(&permit(&service), axis, Millimetres(to_mm)).await.unwrap();
+        until("the axis is there", async || {
+            let view = service.axis_view(axis);
+            !view.moving && view.position_mm.is_some_and(|at_mm| (at_mm - to_mm).abs() < 0.01)
+        })
+        .await;
+        let clarity = JobRequest { e_mm: Some(10.0), ..JobRequest::of(JobKind::ClarityOnly) };
+        let job = run(&service, clarity).await;
+        assert_eq!(job.state, JobState::Converged, "{axis}: {:?}\n{:#?}", job.reason, job.log);
+        let said = format!("the {axis} axis stands");
+        let line = |words: &str| job.log.iter().position(|line| line.message.contains(words));
+        let cramped =
+            job.log.iter().position(|line| line.message.contains(&said) && line.message.contains("it is homed"));
+        assert!(cramped.is_some() && (axis == AxisName::E || cramped < line("diffuser")), "{axis}: {:#?}", job.log);
+    }
 }
 
 /// Part of `make test-long`.

@@ -3,6 +3,7 @@
 
 use std::sync::Arc;
 
+use super::air::FREE_PROBES;
 use super::budget::{AirPlace, BoardSeen, TiltChange};
 use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
@@ -94,7 +95,7 @@ impl Alignment<'_> {
     /// The joint alignment.
     pub(super) async fn joint(&mut self) -> Result<(), JobEnd> {
         let mut plan = self.joint_plan()?;
-        self.prepare().await?;
+        self.prepare(&plan).await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
             plan = self.joint_plan()?;
@@ -148,7 +149,7 @@ impl Alignment<'_> {
         findings.air_places.clear();
     }
 
-    pub(super) async fn prepare(&mut self) -> Result<(), JobEnd> {
+    pub(super) async fn prepare(&mut self, plan: &Plan) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
         self.context.step_of_bench("homing");
         self.eye.check_camera()?;
@@ -165,16 +166,37 @@ impl Alignment<'_> {
             let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
             self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
         }
+        self.home_where_cramped(AxisName::Focus, plan.focus_probe_mm).await?;
         self.white_frame().await
     }
 
+    /// Homes an axis that stands too near an end of its travel for a first move of so much (mm), which the job would end at
+    /// once the operator has set everything up. An axis that homes towards the shell is left where it is, and so is one that
+    /// takes it along.
+    async fn home_where_cramped(&mut self, axis: AxisName, probe_mm: f64) -> Result<(), JobEnd> {
+        let (at_mm, (low_mm, high_mm)) = (self.motion.position_mm(axis)?, self.motion.range_mm(axis));
+        let (free, needed) = ((at_mm - low_mm).min(high_mm - at_mm), FREE_PROBES * probe_mm);
+        let with_e = axis == AxisName::E || self.eye.bench().stage(axis).homes_also().is_some();
+        if free >= needed || (with_e && self.config.bench.e.home_side != Side::High) {
+            return Ok(());
+        }
+        self.context.log(format!(
+            "the {axis} axis stands {free:.2} mm from an end of its travel, and its first move needs {needed:.2} mm free on both sides: it is homed"
+        ));
+        self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+        Ok(())
+    }
+
     /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked, by homing: that
-    /// way is the same whatever the axis's coordinate is like, and makes its zero new. An axis that homes on the shell's side
-    /// is left where it is.
+    /// way is the same whatever the axis's coordinate is like, and makes its zero new. So does it where e stands too near an
+    /// end of its travel to be parked. An axis that homes on the shell's side is left where it is.
     pub(super) async fn withdraw_e(&mut self, plan: &Plan) -> Result<(), JobEnd> {
         let nearer_mm = plan.mount_e_mm - self.motion.position_mm(AxisName::E)?;
-        if nearer_mm <= FOLLOWED_IN_AIR * plan.e_probe_mm || self.config.bench.e.home_side != Side::High {
+        if nearer_mm.abs() <= plan.e_tolerance_mm {
             return Ok(());
+        }
+        if nearer_mm <= FOLLOWED_IN_AIR * plan.e_probe_mm || self.config.bench.e.home_side != Side::High {
+            return self.home_where_cramped(AxisName::E, plan.e_probe_mm).await;
         }
         self.context.log(format!(
             "the e axis stands {nearer_mm:.3} mm nearer to the shell than where it is to be parked: it is homed"

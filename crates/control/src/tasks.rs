@@ -56,7 +56,7 @@ impl Alignment<'_> {
 
     async fn air_only(&mut self) -> Result<(), JobEnd> {
         let mut plan = self.joint_plan()?;
-        self.prepare().await?;
+        self.prepare(&plan).await?;
         if self.config.assembly.l_bound == LBoundSource::Measure {
             self.measure_l_bound().await?;
             plan = self.joint_plan()?;
@@ -91,14 +91,15 @@ impl Alignment<'_> {
             )));
         }
         let mut plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
-        self.prepare().await?;
+        self.prepare(&plan).await?;
         self.withdraw_e(&plan).await?;
         self.air_then(&mut plan, Some(ShellStep::HoldETrim)).await
     }
 
     async fn l_bound_only(&mut self) -> Result<(), JobEnd> {
-        self.sound_plan(self.design.joint(self.config.assembly.l_bound_mm), self.config.assembly.initial_e_mm)?;
-        self.prepare().await?;
+        let plan =
+            self.sound_plan(self.design.joint(self.config.assembly.l_bound_mm), self.config.assembly.initial_e_mm)?;
+        self.prepare(&plan).await?;
         self.measure_l_bound().await?;
         if let Some(sigma_mm) = self.findings.l_bound_sigma_mm {
             self.context.outcome(Outcome::LBound {

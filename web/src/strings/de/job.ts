@@ -44,7 +44,7 @@ export const job: typeof en.job = {
   },
   steps: {
     joint_alignment: [
-      "Beide Achsen fahren auf Referenz, e von der Kugelschale weg.",
+      "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz; e von der Kugelschale weg.",
       "Sie halten für das Weißbild eine Streuscheibe vor die Hauptlinse.",
       "Sie stellen die Tafel oder die Tafeln dorthin, wo die Seite sagt.",
       "Δv wird verstellt, bis es innerhalb der Toleranz liegt; zweimal nachgeprüft.",
@@ -52,7 +52,7 @@ export const job: typeof en.job = {
       "e wird verstellt, bis der Punktabstand den Sollwert hat, nie über die Sperre hinaus.",
     ],
     air_only: [
-      "Beide Achsen fahren auf Referenz.",
+      "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz.",
       "Weißbild, dann Tafel: wie die Seite sagt.",
       "Δv wird verstellt, bis es innerhalb der Toleranz liegt.",
     ],
@@ -61,7 +61,7 @@ export const job: typeof en.job = {
       "e wird verstellt, bis der Punktabstand den Sollwert hat.",
     ],
     clarity_only: [
-      "Beide Achsen fahren auf Referenz.",
+      "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz.",
       "Weißbild, dann Tafel: wie die Seite sagt.",
       "Δv wird für das festgehaltene e verstellt.",
       "Sie montieren die Kugelschale; Δv wird fein abgeglichen.",

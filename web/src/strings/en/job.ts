@@ -41,7 +41,7 @@ export const job = {
   } satisfies Record<JobKind, string>,
   steps: {
     joint_alignment: [
-      "Both axes are homed, e away from the shell.",
+      "An axis whose place is not known, or that stands at an end of its travel, is homed; e away from the shell.",
       "You hold a diffuser before the lens for the white frame.",
       "You put the board, or boards, where the page says.",
       "Δv is moved until it is within tolerance, verified twice.",
@@ -49,13 +49,13 @@ export const job = {
       "e is moved until the spacing meets its target, never past the wall.",
     ],
     air_only: [
-      "Both axes are homed.",
+      "An axis whose place is not known, or that stands at an end of its travel, is homed.",
       "White frame, then board: as the page says.",
       "Δv is moved until it is within tolerance.",
     ],
     shell_only: ["You mount the shell and fill the tank.", "e is moved until the spacing meets its target."],
     clarity_only: [
-      "Both axes are homed.",
+      "An axis whose place is not known, or that stands at an end of its travel, is homed.",
       "White frame, then board: as the page says.",
       "Δv is moved for the e held.",
       "You mount the shell; Δv is trimmed.",
