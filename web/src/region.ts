@@ -3,8 +3,9 @@
 import { SHARED } from "./field-surface";
 import { dot, fit } from "./least-squares";
 import type { Region } from "./marks";
+import type { Reading } from "./reading";
 import { saturated } from "./saturation";
-import type { FieldMap, Lens } from "./wire";
+import type { FieldMap, Lens, Measurement } from "./wire";
 
 /** Fewer micro-images say nothing of how far they scatter. */
 const LEAST = 4;
@@ -20,6 +21,23 @@ export interface RegionSpacing {
   lenses: number;
   /** The frame that was measured. */
   frameSeq: number;
+}
+
+/** An axis that is farther from where it was has been moved, mm. */
+const MOVED_MM = 0.001;
+
+/** Whether a measured frame was of another place of the axes than the newest reading is, or of a motion, as far as is known. */
+export function isOfAnotherPlace(
+  frameSeq: number,
+  measurement: Measurement | null,
+  now: Pick<Reading, "focusMm" | "eMm"> | null,
+): boolean {
+  if (measurement?.frame_seq !== frameSeq) return false;
+  const moved = (then: number | null | undefined, at: number | null | undefined) =>
+    typeof then === "number" && typeof at === "number" && Math.abs(at - then) > MOVED_MM;
+  return (
+    !measurement.settled || moved(measurement.focus_mm, now?.focusMm) || moved(measurement.e_mm, now?.eMm)
+  );
 }
 
 /** The spacing within a region of a measured field; null where too few micro-images are. */

@@ -1,7 +1,8 @@
 import { describe, expect, it } from "vitest";
-import { greyOf, spacingIn } from "../src/region";
+import { greyOf, isOfAnotherPlace, spacingIn } from "../src/region";
 import { covers } from "../src/region-watch";
 import type { FieldMap, Lens } from "../src/wire";
+import { measurement } from "./fixtures";
 
 const PITCH = 30;
 const SIDE = 12;
@@ -139,4 +140,18 @@ it("a picture of a part has all of a region, or it says nothing of it", () => {
   expect(covers(part, { x: 10, y: 10, width: 20, height: 20 })).toBe(true);
   expect(covers(part, { x: 9, y: 10, width: 5, height: 5 })).toBe(false);
   expect(covers(part, { x: 26, y: 10, width: 5, height: 5 })).toBe(false);
+});
+
+describe("a region's spacing", () => {
+  it("is of another place where an axis has gone since, or went then", () => {
+    const seen = { ...measurement(19.7, 0.002), frame_seq: 7, settled: true, focus_mm: 2.095, e_mm: 1.82 };
+    const at = (focusMm: number | null, eMm: number | null) => ({ focusMm, eMm });
+    expect(isOfAnotherPlace(7, seen, at(2.0954, 1.82))).toBe(false);
+    expect(isOfAnotherPlace(7, seen, at(1.7, 1.82))).toBe(true);
+    expect(isOfAnotherPlace(7, seen, at(2.095, 2))).toBe(true);
+    expect(isOfAnotherPlace(7, { ...seen, settled: false }, at(2.095, 1.82))).toBe(true);
+    // Of what nothing is known nothing is said.
+    expect(isOfAnotherPlace(7, seen, at(null, null)) || isOfAnotherPlace(8, seen, at(1.7, 1.82))).toBe(false);
+    expect(isOfAnotherPlace(7, null, null)).toBe(false);
+  });
 });

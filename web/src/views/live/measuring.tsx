@@ -3,6 +3,7 @@ import { fixed, signed } from "../../format";
 import { lengthOf, type Region, type Ruler, type Tool } from "../../marks";
 import { digits } from "../../meter";
 import { ofSeveral } from "../../reading";
+import { isOfAnotherPlace } from "../../region";
 import { isMeterOld, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
@@ -56,7 +57,8 @@ function RegionSays({ region, state, now }: Pick<Given, "state" | "now"> & { reg
   const { reading, missing } = state;
   // What the meter has no figure for has none in a part of the frame either.
   const several = ofSeveral(reading);
-  const spacingOld = missing !== null || isMeterOld(state, now) || reading?.settled === false;
+  const elsewhere = spacing !== null && isOfAnotherPlace(spacing.frameSeq, state.measurement, reading);
+  const spacingOld = missing !== null || isMeterOld(state, now) || reading?.settled === false || elsewhere;
   const greyOld = pictureState(state, now) !== "fresh";
   return (
     <p class="facts measured" id="region">
