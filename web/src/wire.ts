@@ -64,6 +64,7 @@ export type ConfigFault = Schemas["ConfigFault"];
 export type ConfigWritten = Schemas["ConfigWritten"];
 export type Devices = Schemas["DevicesFound"];
 export type Faults = Schemas["Faults"];
+export type FaultPlan = Schemas["FaultPlan"];
 export type FaultPlanInForce = Schemas["PlanInForce"];
 /** Some of what goes wrong, part by part. */
 export type FaultsChange = { [Part in keyof Faults]?: Partial<Faults[Part]> };

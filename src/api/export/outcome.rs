@@ -20,7 +20,7 @@ pub(crate) fn outcome_figures(outcome: &Outcome) -> Vec<(&'static str, String)> 
             ("lens to MLA d", mm(*lens_to_mla_mm, 4)),
             ("MLA to sensor b", mm(*mla_to_sensor_mm, 4)),
             ("Δv", mm(*delta_v_mm, 4)),
-            ("levels of the board", distances_mm.map(|distance_mm| mm(distance_mm, 1)).join(", ")),
+            ("board, or its levels, at", distances_mm.map(|distance_mm| mm(distance_mm, 1)).join(", ")),
         ],
         Outcome::LBound { l_bound_mm, sigma_mm, e_wall_mm } => {
             vec![("l_bound", value(Some(*l_bound_mm), Some(*sigma_mm), 3)), ("e wall", mm(*e_wall_mm, 3))]

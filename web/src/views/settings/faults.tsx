@@ -5,7 +5,7 @@ import { numberOf } from "../../job-kinds";
 import { Newest } from "../../newest";
 import { strings } from "../../strings";
 import { inUnit, typedMm } from "../../units";
-import type { AxisName, Faults as Wrong, FaultsChange } from "../../wire";
+import type { AxisName, FaultPlan, FaultPlanInForce, Faults as Wrong, FaultsChange } from "../../wire";
 import type { Given } from "../given";
 import { Choice, Toggle } from "../toggle";
 
@@ -15,6 +15,12 @@ const PERCENT = 100;
 /** Between two looks at what goes wrong, ms. */
 const EVERY_MS = 2000;
 
+/** Whether something comes or goes by itself still. */
+function isToCome({ plan, elapsed_s }: FaultPlanInForce): boolean {
+  const last = ({ at_s, lasts_s }: FaultPlan["events"][number]) => at_s + (lasts_s ?? 0);
+  return plan?.events.some((event) => last(event) > (elapsed_s ?? 0)) ?? false;
+}
+
 /** What is made to go wrong with the simulated bench, and what more could be. */
 export function Faults({ state, act, load }: Given) {
   const [wrong, setWrong] = useState<Wrong | null>(null);
@@ -22,9 +28,7 @@ export function Faults({ state, act, load }: Given) {
   const [[newest, newestPlan]] = useState(() => [new Newest(), new Newest()] as const);
   const shown = (asked: ReturnType<typeof api.faults>) => {
     void newest.of(asked).then((result) => result?.ok && setWrong(result.value));
-    void newestPlan
-      .of(api.faultPlan())
-      .then((result) => result?.ok && setPlanned(result.value.plan !== null));
+    void newestPlan.of(api.faultPlan()).then((result) => result?.ok && setPlanned(isToCome(result.value)));
     return asked;
   };
   useEffect(() => {
