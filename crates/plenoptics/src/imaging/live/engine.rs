@@ -10,7 +10,7 @@ use crate::imaging::matching::gains::{Gains, Light};
 use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
 use crate::imaging::matching::model::{FIELD_TERMS, Model, QUANTISATION, USUAL_TERMS};
 use crate::imaging::matching::motion::Motion;
-use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, NOTHING, Normal, noise_scale};
+use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
 use crate::imaging::matching::plan::Plan;
 use crate::imaging::matching::pupil::Pupil;
 use crate::imaging::matching::random::{Random, Setting};
@@ -272,9 +272,9 @@ impl Engine {
                 step /= largest;
             }
             model.advance(&step);
-            let settled = largest <= FINAL_STEP_PX || normal.is_within(NOTHING, &before, &inverse, &step);
-            // A shortened step is short by itself: what it stands for is to be no more than noise makes of it.
-            if !(settled && (damping.is_free() || normal.is_within(1.0, &before, &inverse, &whole))) {
+            // What comes to rest late or by shortening alone has to be settled besides.
+            let at_rest = largest <= FINAL_STEP_PX && 2 * passes <= PASSES;
+            if !at_rest && !normal.is_settled(&before, &inverse, &step, &whole) {
                 continue;
             }
             let correlation = normal.contents.correlation();

@@ -18,7 +18,10 @@ const LEAST_DEMAND: f64 = 16.0;
 /// Texture that is surer than this is there.
 const LEAST_SIGNIFICANCE: f64 = 4.0;
 /// Share of an unknown's standard uncertainty below which a step is none: in quadrature it adds a thousandth.
-pub(in crate::imaging) const NOTHING: f64 = 0.05;
+const NOTHING: f64 = 0.05;
+/// Standard uncertainty (px) of a spacing up to which it can be settled that way: far from focus, in noise, single frames of
+/// few micro-images have up to 0.15, frames that show no board at all 0.3.
+const SETTLED_SIGMA_PX: f64 = 0.2;
 /// Field blocks of a frame.
 const FRAME_BLOCKS: usize = BLOCKS * BLOCKS;
 
@@ -190,16 +193,21 @@ impl Normal {
         inverse * &self.gradient
     }
 
-    /// Whether a step changes no unknown by more than this share of what it is uncertain by.
-    pub(in crate::imaging) fn is_within(
+    /// Whether an iteration has come as near to its end as there is any, though its steps do not vanish: this one is nothing to
+    /// what its unknowns are uncertain by. Of one that was shortened, what it stands for (`whole`) is within that. Where little
+    /// matches, what the unknowns are uncertain by is so much that any step is, and nothing is settled.
+    pub(in crate::imaging) fn is_settled(
         &self,
-        share: f64,
         model: &Model,
         inverse: &DMatrix<f64>,
         step: &DVector<f64>,
+        whole: &DVector<f64>,
     ) -> bool {
         let covariance = self.scatter(model, inverse, step);
-        step.iter().zip(covariance.diagonal().iter()).all(|(step, variance)| step.abs() <= share * variance.sqrt())
+        let within = |share: f64, step: &DVector<f64>| {
+            step.iter().zip(covariance.diagonal().iter()).all(|(step, variance)| step.abs() <= share * variance.sqrt())
+        };
+        covariance[(0, 0)].sqrt() <= SETTLED_SIGMA_PX && within(NOTHING, step) && (step == whole || within(1.0, whole))
     }
 
     /// Covariance of the unknowns after `step` from the scatter of the gradient between field blocks: noise, and what the

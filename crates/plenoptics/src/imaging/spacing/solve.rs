@@ -6,7 +6,7 @@ use super::frame::SpacingFrame;
 use crate::imaging::matching::compare::BOTH;
 use crate::imaging::matching::damping::Damping;
 use crate::imaging::matching::model::Model;
-use crate::imaging::matching::normal::{Compared, NOTHING, Normal};
+use crate::imaging::matching::normal::{Compared, Normal};
 use crate::imaging::matching::plan::Job;
 use crate::imaging::matching::random::{Random, Setting};
 use crate::imaging::matching::run::{Pool, run};
@@ -94,8 +94,7 @@ impl<'a> Solver<'a> {
             if model.spacings.iter().zip(&start).any(|(now, then)| (now - then).abs() > reach) {
                 return Outcome::Lost;
             }
-            let within = |share: f64, step: &DVector<f64>| self.normal.is_within(share, &before, &inverse, step);
-            if largest < tolerance || (within(NOTHING, &step) && (damping.is_free() || within(1.0, &whole))) {
+            if largest < tolerance || self.normal.is_settled(&before, &inverse, &step, &whole) {
                 return Outcome::Converged;
             }
             self.compare(model);
