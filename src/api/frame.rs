@@ -183,7 +183,7 @@ pub(super) fn frame_headers(frame: &Frame) -> HeaderMap {
     if let Some(position) = frame.e.position {
         say("plenalign-e-mm", &position.value());
     }
-    say("plenalign-settled", &(frame.focus.settled && frame.e.settled));
+    say("plenalign-settled", &frame.is_settled());
     say("plenalign-preview", &frame.preview);
     say("plenalign-simulated", &frame.simulated);
     say("plenalign-replayed", &frame.replayed);

@@ -270,7 +270,7 @@ pub(super) async fn report(State(app): State<App>, Query(asked): Query<ReportAsk
         frame_seq: frame.seq,
         captured_at: frame.captured_at,
         frame_age_ms: milliseconds(age(frame)),
-        settled: frame.focus.settled && frame.e.settled,
+        settled: frame.is_settled(),
         preview: frame.preview,
         simulated: frame.simulated,
         replayed: frame.replayed,

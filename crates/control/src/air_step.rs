@@ -1,6 +1,6 @@
 //! The air step: boards up, the moves of [`super::air`] carried out, e taken to where the shell is mounted.
 
-use super::air::{AirDecision, AirLoop, AirObservation, FREE_PROBES};
+use super::air::{AirDecision, AirLoop, AirObservation};
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
 use super::axis_model::{AxisModel, check_move};
 use super::budget::{AirPlace, BoardSeen};
@@ -305,9 +305,7 @@ impl Alignment<'_> {
         if (to_mm - start).abs() <= plan.e_tolerance_mm {
             return Ok(());
         }
-        let (low, high) = self.motion.range_mm(AxisName::E);
-        let (free, needed) = ((start - low).min(high - start), FREE_PROBES * plan.e_probe_mm);
-        if free < needed {
+        if let Some((free, needed)) = self.too_little_room_mm(AxisName::E, plan.e_probe_mm)? {
             return Err(JobEnd::NotConverged {
                 why: format!(
                     "the e axis stands {free:.2} mm from an end of its travel; its first move needs {needed:.2} mm free on both sides"

@@ -170,14 +170,21 @@ impl Alignment<'_> {
         self.white_frame().await
     }
 
+    /// How far an axis stands from the nearer end of its travel, and how far it would have to for a first move of so much; all mm.
+    /// `None` where it stands far enough away.
+    pub(super) fn too_little_room_mm(&self, axis: AxisName, probe_mm: f64) -> Result<Option<(f64, f64)>, JobEnd> {
+        let (at_mm, (low_mm, high_mm)) = (self.motion.position_mm(axis)?, self.motion.range_mm(axis));
+        let (free, needed) = ((at_mm - low_mm).min(high_mm - at_mm), FREE_PROBES * probe_mm);
+        Ok((free < needed).then_some((free, needed)))
+    }
+
     /// Homes an axis that stands too near an end of its travel for a first move of so much (mm), which the job would end at
     /// once the operator has set everything up. An axis that homes towards the shell is left where it is, and so is one that
     /// takes it along.
     async fn home_where_cramped(&mut self, axis: AxisName, probe_mm: f64) -> Result<(), JobEnd> {
-        let (at_mm, (low_mm, high_mm)) = (self.motion.position_mm(axis)?, self.motion.range_mm(axis));
-        let (free, needed) = ((at_mm - low_mm).min(high_mm - at_mm), FREE_PROBES * probe_mm);
+        let Some((free, needed)) = self.too_little_room_mm(axis, probe_mm)? else { return Ok(()) };
         let with_e = axis == AxisName::E || self.eye.bench().stage(axis).homes_also().is_some();
-        if free >= needed || (with_e && self.config.bench.e.home_side != Side::High) {
+        if with_e && self.config.bench.e.home_side != Side::High {
             return Ok(());
         }
         self.context.log(format!(

@@ -82,7 +82,7 @@ impl AtRest {
     pub(super) fn take(&mut self, frame: &Frame, spacing: &LiveSpacing) -> Combined {
         let now = Posture::of(frame);
         let moved = self.stillness.has_moved(&frame.image);
-        let settled = frame.focus.settled && frame.e.settled;
+        let settled = frame.is_settled();
         let ended = match &self.first {
             _ if !settled => Some(Since::Axis),
             Some(first) => first.changed(&now).or(moved.then_some(Since::Picture)),

@@ -405,7 +405,7 @@ impl Eye {
                     return Err(error.into());
                 }
             };
-            if frame.focus.settled && frame.e.settled {
+            if frame.is_settled() {
                 self.journal.happened(|| Happening::Frame(Arc::clone(&frame)));
                 self.check_size(&frame)?;
                 self.check_new(None, &frame)?;
@@ -609,7 +609,7 @@ impl Eye {
             captured_at: frame.captured_at,
             focus_mm: frame.focus.position.map(Millimetres::value),
             e_mm: frame.e.position.map(Millimetres::value),
-            settled: frame.focus.settled && frame.e.settled,
+            settled: frame.is_settled(),
             spacing: seen.spacing.clone(),
             spacing_target_px,
             spacing_target_source,
@@ -632,7 +632,7 @@ impl Eye {
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
-        let at_rest = frame.focus.settled && frame.e.settled;
+        let at_rest = frame.is_settled();
         Some(self.measured_whole(&frame).await.map_err(|unseen| Unmeasured {
             by_motion: !at_rest || matches!(unseen, Unseen::Smeared(_)),
             why: unseen.into(),

@@ -420,7 +420,7 @@ impl Service {
                 self.readings.doubt(doubted);
             }
             // What cannot be read either, or is of another place, says nothing of what can.
-            if spacing.is_err() || !(frame.focus.settled && frame.e.settled) {
+            if spacing.is_err() || !frame.is_settled() {
                 self.readings.failures.store(0, Ordering::Relaxed);
             }
             let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))

@@ -116,11 +116,7 @@ impl Alignment<'_> {
             (AxisName::E, ShellState::On) => Shows::EThroughShell(camera),
             (AxisName::E, ShellState::Unknown) => return None,
         };
-        let play_mm = match axis {
-            AxisName::Focus => self.config.bench.focus.backlash_mm,
-            AxisName::E => self.config.bench.e.backlash_mm,
-        };
-        Some(SweptWay::new(shows, to_scale, play_mm))
+        Some(SweptWay::new(shows, to_scale, self.motion.axis(axis).backlash_mm))
     }
 
     /// Looks where a swept axis is, for its way alone. Out of the range of focus there is nothing to be seen of it.

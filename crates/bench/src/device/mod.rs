@@ -355,6 +355,14 @@ pub struct Frame {
     pub replayed: bool,
 }
 
+impl Frame {
+    /// Whether both axes had settled before the exposure began and stayed so.
+    #[must_use]
+    pub const fn is_settled(&self) -> bool {
+        self.focus.settled && self.e.settled
+    }
+}
+
 /// What a frame source is and how it fares.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CameraState {

@@ -174,7 +174,7 @@ pub fn meter_reading(reading: &Reading) -> messages::MeterReading {
         exposure_assumed: frame.exposure_assumed,
         focus_mm: frame.focus.position.map(Millimetres::value),
         e_mm: frame.e.position.map(Millimetres::value),
-        settled: frame.focus.settled && frame.e.settled,
+        settled: frame.is_settled(),
         preview: frame.preview,
         simulated: frame.simulated,
         replayed: frame.replayed,
