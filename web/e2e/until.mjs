@@ -1,12 +1,12 @@
 // Waiting for what is to come about: a state, never a time.
 
-/** Looks again and again until there is something true, and returns that. */
+/** Looks again and again until there is something true, and returns that. What is thrown otherwise may have to be looked up. */
 export async function until(holds, otherwise, allowedMs = 60_000) {
   const end = Date.now() + allowedMs;
   for (;;) {
     const found = await holds();
     if (found) return found;
-    if (Date.now() > end) throw new Error(otherwise);
+    if (Date.now() > end) throw new Error(typeof otherwise === "string" ? otherwise : await otherwise());
     await new Promise((resolve) => setTimeout(resolve, 50));
   }
 }
