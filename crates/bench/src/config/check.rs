@@ -9,6 +9,9 @@ use plenoptics::optics::{CameraDesign, MlaMode, water};
 /// Pixels of the largest frame that is believed: beyond it a slip of the keyboard is likelier than a sensor.
 const MOST_PIXELS: u64 = 1 << 28;
 
+/// Least width and height of a sensor, px: in less there is no grid of micro-images, however fine.
+const LEAST_SIDE_PX: u32 = 16;
+
 /// Greatest number that is believed of any key, whatever its unit: a thousand kilometres in mm. With more, or with less
 /// than [`LEAST`] where 0 will not do, arithmetic comes to no finite numbers.
 const GREATEST: f64 = 1e9;
@@ -173,8 +176,11 @@ impl Config {
 
         let sensor = &self.sensor;
         faults.positive("sensor.pixel_um", sensor.pixel_um);
-        faults.require(sensor.width_px > 0, "sensor.width_px", || "must be at least 1".to_owned());
-        faults.require(sensor.height_px > 0, "sensor.height_px", || "must be at least 1".to_owned());
+        for (key, side_px) in [("sensor.width_px", sensor.width_px), ("sensor.height_px", sensor.height_px)] {
+            faults.require(side_px >= LEAST_SIDE_PX, key, || {
+                format!("must be at least {LEAST_SIDE_PX}: in a smaller frame no micro-images are found")
+            });
+        }
         faults.require(
             u64::from(sensor.width_px) * u64::from(sensor.height_px) <= MOST_PIXELS,
             "sensor.width_px",
