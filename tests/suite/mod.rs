@@ -103,5 +103,6 @@ mod view_api;
 mod view_cli;
 mod viewport;
 mod vignetting;
+mod watch;
 mod way_in;
 mod websocket;

@@ -448,6 +448,11 @@ impl Eye {
         Err(DeviceError::Protocol { device: "the camera".to_owned(), detail: OLD_PICTURE.to_owned() })
     }
 
+    /// The frame that was looked at last.
+    pub(super) fn looked_at(&self) -> Option<Arc<Frame>> {
+        self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
     /// Whether a frame has the very picture of one before it.
     pub(super) fn repeats(&self, before: &Frame, frame: &Frame) -> bool {
         let simulation = &self.config.bench.simulation;

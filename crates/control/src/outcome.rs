@@ -69,6 +69,9 @@ pub enum Outcome {
     SpacingWatch {
         /// Measurements made: the job's iterations have them.
         measured: u32,
+        /// How often there was nothing that could be measured: the job's log says why.
+        #[serde(default)]
+        unmeasured: u32,
         /// Their mean, px.
         mean_px: f64,
         /// Their scatter about a straight line over time, px.

@@ -148,12 +148,29 @@ impl Alignment<'_> {
         let mut samples = Vec::new();
         // By the frames' own times and no other clock: replayed, the same frames make the same watch.
         let mut schedule: Option<Schedule> = None;
+        let mut unmeasured = 0;
         loop {
             self.context.doing("watching the spacing");
-            let seen = self.context.unless_cancelled(self.eye.spacing(1)).await?;
-            let schedule = schedule.get_or_insert(Schedule { begin: seen.taken, due: seen.taken });
-            samples.push(self.sample(&seen, None, schedule.elapsed(seen.taken).as_secs_f64() / 3600.0));
-            schedule.due = (schedule.due + interval).max(seen.taken);
+            let seen = match self.context.unless_cancelled(self.eye.spacing(1)).await {
+                Ok(seen) => Ok(seen),
+                // Somebody steps between, or the light goes out: hours of a watch are not lost by it.
+                Err(JobEnd::Unmeasurable { why }) => Err(why),
+                Err(end) => return Err(end),
+            };
+            let taken = match &seen {
+                Ok(seen) => seen.taken,
+                Err(_) => self.eye.looked_at().map_or_else(Instant::now, |frame| frame.exposed_to),
+            };
+            let schedule = schedule.get_or_insert(Schedule { begin: taken, due: taken });
+            let elapsed = schedule.elapsed(taken);
+            match seen {
+                Ok(seen) => samples.push(self.sample(&seen, None, elapsed.as_secs_f64() / 3600.0)),
+                Err(why) => {
+                    unmeasured += 1;
+                    self.context.log(format!("nothing measured after {:.0} s: {why}", elapsed.as_secs_f64()));
+                }
+            }
+            schedule.due = (schedule.due + interval).max(taken);
             let due = schedule.due;
             if schedule.elapsed(due) >= duration {
                 break;
@@ -164,7 +181,10 @@ impl Alignment<'_> {
             };
             self.context.unless_cancelled(rest).await?;
         }
-        self.context.outcome(watched(&samples));
+        if samples.is_empty() {
+            return Err(JobEnd::NotConverged { why: "no spacing could be measured over all of the watch".to_owned() });
+        }
+        self.context.outcome(watched(&samples, unmeasured));
         Ok(())
     }
 
@@ -268,8 +288,8 @@ fn bend(three: &[Sample]) -> f64 {
     ((slope(&three[1], &three[2]) - slope(&three[0], &three[1])) / (three[2].at - three[0].at)).abs()
 }
 
-/// Mean, line over time, and scatter about it.
-fn watched(samples: &[Sample]) -> Outcome {
+/// Mean, line over time, and scatter about it; and how often there was nothing to measure.
+fn watched(samples: &[Sample], unmeasured: u32) -> Outcome {
     let count = samples.len() as f64;
     let mean = |value: fn(&Sample) -> f64| samples.iter().map(value).sum::<f64>() / count;
     let (mean_at, mean_px) = (mean(|sample| sample.at), mean(|sample| sample.spacing_px));
@@ -282,6 +302,7 @@ fn watched(samples: &[Sample]) -> Outcome {
     let greatest = samples.iter().map(|sample| sample.spacing_px).fold(f64::NEG_INFINITY, f64::max);
     Outcome::SpacingWatch {
         measured: samples.len() as u32,
+        unmeasured,
         mean_px,
         scatter_px: if samples.len() > 2 { (square / (count - 2.0)).sqrt() } else { 0.0 },
         drift_px_per_h: slope,
@@ -317,12 +338,12 @@ mod tests {
         let samples: Vec<Sample> = (0..10)
             .map(|i| sample(f64::from(i), 20.0 + 0.1 * f64::from(i) + if i % 2 == 0 { 0.01 } else { -0.01 }))
             .collect();
-        let Outcome::SpacingWatch { measured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } =
-            watched(&samples)
+        let Outcome::SpacingWatch { measured, unmeasured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } =
+            watched(&samples, 2)
         else {
             panic!("another outcome");
         };
-        assert_eq!(measured, 10);
+        assert_eq!((measured, unmeasured), (10, 2));
         assert!((mean_px - 20.45).abs() < 1e-9 && (drift_px_per_h - 0.1).abs() < 0.002, "{drift_px_per_h}");
         assert!((0.009..0.013).contains(&scatter_px), "{scatter_px}");
         assert!((least_px - 20.01).abs() < 1e-9 && (greatest_px - 20.89).abs() < 1e-9, "{least_px} to {greatest_px}");

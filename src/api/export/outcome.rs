@@ -57,13 +57,15 @@ pub(crate) fn outcome_figures(outcome: &Outcome) -> Vec<(&'static str, String)> 
                 ("measured", format!("{measured} of {positions} positions")),
             ]
         }
-        Outcome::SpacingWatch { measured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } => vec![
-            ("mean", format!("{mean_px:.4} px")),
-            ("scatter", format!("{scatter_px:.4} px")),
-            ("between", format!("{least_px:.4} and {greatest_px:.4} px")),
-            ("drift", format!("{drift_px_per_h:+.4} px/h")),
-            ("measured", measured.to_string()),
-        ],
+        Outcome::SpacingWatch { measured, unmeasured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } => {
+            vec![
+                ("mean", format!("{mean_px:.4} px")),
+                ("scatter", format!("{scatter_px:.4} px")),
+                ("between", format!("{least_px:.4} and {greatest_px:.4} px")),
+                ("drift", format!("{drift_px_per_h:+.4} px/h")),
+                ("measured", format!("{measured} of {} times", measured + unmeasured)),
+            ]
+        }
     }
 }
 

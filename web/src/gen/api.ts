@@ -4774,6 +4774,11 @@ export interface components {
           scatter_px: number;
           /** @enum {string} */
           type: "spacing_watch";
+          /**
+           * Format: int32
+           * @description How often there was nothing that could be measured: the job's log says why.
+           */
+          unmeasured?: number;
         };
     /** @description The blur over the object distance: of the air design in air from the lens, of the rest in water from the shell. */
     OverDistanceView: {

@@ -1466,6 +1466,8 @@ class SpacingWatchOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True,
     """Measurements made: the job's iterations have them."""
     scatter_px: float
     """Their scatter about a straight line over time, px."""
+    unmeasured: int | UnsetType = UNSET
+    """How often there was nothing that could be measured: the job's log says why."""
 
 
 class OverDistanceView(Struct, frozen=True, kw_only=True, omit_defaults=True):

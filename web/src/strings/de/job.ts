@@ -276,4 +276,5 @@ export const outcome: typeof en.outcome = {
   scatter: "Streuung",
   between: "Zwischen",
   drift: "Drift",
+  measuredOfTimes: (measured, of) => `${measured} von ${of} Malen`,
 };

@@ -272,4 +272,5 @@ export const outcome = {
   scatter: "Scatter",
   between: "Between",
   drift: "Drift",
+  measuredOfTimes: (measured: number, of: number) => `${measured} of ${of} times`,
 };
