@@ -81,6 +81,8 @@ export interface State {
   heardAt: number | null;
   /** The newest thing that went wrong, for the operator to read and dismiss. */
   problem: Problem | null;
+  /** Since when it is over by itself, this page's clock, ms; null while it is not. */
+  overAt: number | null;
   /** A stop that could not be delivered: nothing else hides it. */
   stopFailed: Problem | null;
   /** That such a stop has not arrived, until that is dismissed: whatever else goes well or wrong does not hide it. */
@@ -144,6 +146,7 @@ export const initial: State = {
   pictureOldMs: STALE_MS,
   heardAt: null,
   problem: null,
+  overAt: null,
   stopFailed: null,
   notStopped: false,
   tone: false,
@@ -170,10 +173,13 @@ const OLD_READING_MS = 1000;
 /** Where the spacing is lost, a search takes longer, and nothing is said meanwhile, ms. */
 const OLD_SEARCH_MS = 5000;
 
+/** So long what went wrong stands when it is over, to be read, ms. */
+const READ_MS = 5000;
+
 /** The state after a message that came at `now` of this page's clock. What was read of another set-up is gone with it, and
  *  so is a problem that is over. */
 export function receive(state: State, message: ServerMessage, now: number): State {
-  const next = withoutOver(received(state, message, now));
+  const next = withoutOver(received(state, message, now), now);
   const at = setUpAt(next.bench);
   const anew = at !== setUpAt(state.bench);
   if (!anew && message.type !== "snapshot") return next;
@@ -183,9 +189,11 @@ export function receive(state: State, message: ServerMessage, now: number): Stat
   return { ...next, reading: ofThis(next.reading), missing: ofThis(next.missing), best };
 }
 
-function withoutOver(state: State): State {
+function withoutOver(state: State, now: number): State {
   const { problem, bench } = state;
-  return problem && bench && isOver(problem, bench) ? { ...state, problem: null } : state;
+  if (!problem || !bench || !isOver(problem, bench)) return { ...state, overAt: null };
+  const overAt = state.overAt ?? now;
+  return now - overAt < READ_MS ? { ...state, overAt } : { ...state, problem: null, overAt: null };
 }
 
 function received(state: State, message: ServerMessage, now: number): State {

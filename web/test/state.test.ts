@@ -104,7 +104,7 @@ describe("receive", () => {
     expect([after(NO_ANSWER), after("about:blank")]).toEqual([null, problem("about:blank")]);
   });
 
-  it("forgets that an axis moved once that one stands, and not for another's sake", () => {
+  it("forgets that an axis moved once that one has stood long enough for it to be read, and not for another's sake", () => {
     const problem = {
       ...{ type: "urn:plenalign:problem:moving", title: "t", status: 409, detail: "d" },
       axis: "focus" as const,
@@ -118,11 +118,16 @@ describe("receive", () => {
       const message = { type: "bench", seq: 6, boot_id: boot, bench: { ...bench, axes } } as ServerMessage;
       return receive({ ...open(), problem }, message, 0);
     };
-    expect([after(true, true).problem, after(true, false).problem]).toEqual([problem, problem]);
-    expect(after(false, true).problem).toBeNull();
-    // Refused at its very end: no more comes of an axis that stands already.
+    // Refused at its very end, too: no more comes of an axis that stands already but the seconds.
     const tick = { type: "tick", seq: 6, boot_id: boot } as ServerMessage;
-    expect(receive({ ...after(false, false), problem }, tick, 0).problem).toBeNull();
+    const at = (state: State, now: number) => receive(state, tick, now).problem;
+    for (const still of [after(false, true), after(false, false)]) {
+      expect([at(still, 4900), at(still, 5000)]).toEqual([problem, null]);
+    }
+    for (const moves of [after(true, true), after(true, false)]) expect(at(moves, 60_000)).toEqual(problem);
+    // It moves again meanwhile.
+    const again = receive({ ...after(true, true), overAt: 0 }, tick, 4000);
+    expect(at(again, 6000)).toEqual(problem);
   });
 
   it("shows a problem that the daemon has with a message", () => {
