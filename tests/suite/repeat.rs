@@ -6,7 +6,7 @@ use std::time::Duration;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::lease::LeaseRequest;
 use plenalign::control::replay::replay;
-use plenalign::control::steps::StepState;
+use plenalign::control::steps::{StepState, is_discarded};
 use plenalign::control::{Refusal, Service, ServiceError, Shown};
 use uuid::Uuid;
 
@@ -96,7 +96,11 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
             (_, "shell_and_water") if !at_shell => {
                 (at_shell, iterations) = (true, job.iterations.len());
                 assert_eq!(step.repeatable, [3, 6]);
-                service.repeat(id, 6, shown).unwrap();
+                let far = job.progress;
+                let back = service.repeat(id, 6, shown).unwrap();
+                drop(back);
+                let again = asks(&service, id, seen).await;
+                assert!(again.progress.step < far.step && again.progress.of == far.of, "{far:?}, {:?}", again.progress);
             }
             // It has come to where it was; the rest is as without.
             (_, "shell_and_water") => drop(service.cancel(id).unwrap()),
@@ -109,6 +113,12 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         "what was measured before is kept"
     );
     let report = job.report.as_ref().unwrap();
+    // All but what was measured since the board was put up last.
+    let last = job.steps.iter().find(|step| step.repeats == Some(6)).unwrap().began_at.unwrap();
+    for it in &job.iterations {
+        assert_eq!(is_discarded(&job.steps, it.at), it.at < last, "iteration {}", it.number);
+    }
+    assert!(job.iterations.iter().any(|it| it.at < last) && job.iterations.iter().any(|it| it.at >= last));
 
     let told: Vec<_> = job.steps.iter().map(|step| (step.name.as_str(), step.state, step.repeats)).collect();
     let (done, repeated) = (StepState::Done, StepState::Repeated);
@@ -133,9 +143,19 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     assert!((operator_s - spent.operator_s).abs() < 0.1, "{operator_s}: {spent:?}");
     assert!((bench_s - (spent.total_s - spent.operator_s)).abs() < 0.5, "{bench_s}: {spent:?}");
     let archive = service.archive(id).await.unwrap();
+    let csv = plenalign::api::export::csv(&archive);
+    let mut lines = csv.lines();
+    let column = lines.next().unwrap().split(',').position(|name| name == "discarded").unwrap();
+    for (line, it) in lines.zip(&job.iterations) {
+        assert_eq!(line.split(',').nth(column), Some(if it.at < last { "true" } else { "false" }), "{line}");
+    }
     let kept = |number: u32| archive.operator_steps.iter().find(|asked| asked.step.number == number).unwrap();
     assert_eq!((kept(2).confirmed_at, kept(3).step.repeats), (None, Some(1)));
     let printed = plenalign::api::export::html(&archive);
+    assert_eq!(
+        printed.matches("<tr class=\"discarded\">").count(),
+        job.iterations.iter().filter(|it| it.at < last).count()
+    );
     assert!(printed.contains("step 4 once more") && printed.contains("asked for again, counts no more"));
     assert!(job.log.iter().any(|line| line.message == "in place of step 2 the operator asks for step 1 again"));
 

@@ -1,5 +1,6 @@
 //! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
 
+use std::collections::HashMap;
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
@@ -136,6 +137,8 @@ struct Asking {
     repeat_from: Option<u32>,
     /// The step that is asked for again next.
     again: Option<u32>,
+    /// How far the job was when each of the operator's steps began.
+    far: HashMap<u32, u32>,
 }
 
 impl Job {
@@ -615,6 +618,7 @@ impl JobContext {
         self.job.change(|job| {
             let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
             steps::begin(&mut job.steps, begun, &spent);
+            self.asking().far.insert(number, job.progress.step);
             step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
         });
         step
@@ -623,13 +627,19 @@ impl JobContext {
     /// In place of step `number` an earlier one is asked for again: how the work so far ends.
     fn repeat(&self, number: u32, again: u32) -> JobEnd {
         let spent = self.spent_on_step();
-        self.asking().again = Some(again);
+        let far = {
+            let mut asking = self.asking();
+            asking.again = Some(again);
+            asking.far.get(&again).copied()
+        };
         self.job.journal.happened(|| Happening::Again { step: number, again });
         let mut what = None;
         self.job.change(|job| {
             let step = job.steps.iter().find(|step| step.number == Some(again));
             what = step.and_then(|step| Repeatable::of(&step.name));
             steps::repeat(&mut job.steps, again, &spent);
+            // All since then is to be done again.
+            job.progress.step = far.unwrap_or(job.progress.step);
         });
         self.log(format!("in place of step {number} the operator asks for step {again} again"));
         what.map_or_else(|| JobEnd::failed(format!("step {again} cannot be done again")), JobEnd::Repeat)

@@ -171,6 +171,13 @@ pub(super) fn repeat(steps: &mut Vec<JobStep>, number: u32, spent: &TimeSpent) {
     steps.splice(here..here, again);
 }
 
+/// Whether what was measured at `at` counts no more: a step that had begun before was asked for again after it.
+#[must_use]
+pub fn is_discarded(steps: &[JobStep], at: Timestamp) -> bool {
+    let began_before = |number| steps.iter().any(|step| step.number == Some(number) && step.began_at <= Some(at));
+    steps.iter().any(|step| step.began_at > Some(at) && step.repeats.is_some_and(began_before))
+}
+
 /// The job is over; what was planned and did not come was not needed where it has come to its `good` end.
 pub(super) fn close(steps: &mut Vec<JobStep>, good: bool, spent: &TimeSpent) {
     if good {

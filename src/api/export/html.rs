@@ -9,7 +9,8 @@ use super::steps::steps;
 use super::through_focus::through_focus;
 use crate::config::Config;
 use crate::control::history::JobArchive;
-use crate::control::job::Iteration;
+use crate::control::job::{Iteration, JobSnapshot};
+use crate::control::steps::is_discarded;
 use crate::text::{data_uri, escape, time};
 
 const STYLE: &str = "
@@ -22,6 +23,7 @@ h1 { font-size: 1.5rem; margin: 0 0 .3rem; } h2 { font-size: 1.1rem; margin: 1.6
 .failed, .not_converged, .interrupted, .cancelled { color: #b00020; }
 table { border-collapse: collapse; width: 100%; font-size: 12px; }
 th, td { text-align: left; padding: .15rem .5rem .15rem 0; border-bottom: 1px solid #ddd; vertical-align: top; }
+.discarded { color: #777; }
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 svg { width: 100%; height: auto; font: 11px system-ui, sans-serif; } svg.map { max-width: 30rem; }
 svg rect { -webkit-print-color-adjust: exact; print-color-adjust: exact; }
@@ -60,10 +62,10 @@ pub fn html(archive: &JobArchive) -> String {
         figures_table(&mut page, &outcome_figures(outcome));
     }
     through_focus(&mut page, job);
-    plots(&mut page, &job.iterations);
+    plots(&mut page, job);
     field(&mut page, archive);
     pictures(&mut page, archive);
-    iterations(&mut page, &job.iterations);
+    iterations(&mut page, job);
     moves(&mut page, archive);
     steps(&mut page, &job.steps);
     asked(&mut page, archive);
@@ -128,18 +130,20 @@ fn head(page: &mut String, archive: &JobArchive) {
     page.push_str("</table>\n");
 }
 
-fn points(iterations: &[Iteration], value: impl Fn(&Iteration) -> Option<(f64, Option<f64>)>) -> Vec<Point> {
+fn points(iterations: &[&Iteration], value: impl Fn(&Iteration) -> Option<(f64, Option<f64>)>) -> Vec<Point> {
     let point = |it: &Iteration| {
         value(it).map(|(value, sigma)| Point { at: f64::from(it.number), value, bar: sigma.map(|s| 2.0 * s) })
     };
-    iterations.iter().filter_map(point).collect()
+    iterations.iter().copied().filter_map(point).collect()
 }
 
-fn plots(page: &mut String, iterations: &[Iteration]) {
-    if iterations.is_empty() {
+fn plots(page: &mut String, job: &JobSnapshot) {
+    if job.iterations.is_empty() {
         page.push_str("<p class=\"quiet\">Nothing was measured.</p>\n");
         return;
     }
+    let counting: Vec<&Iteration> = job.iterations.iter().filter(|it| !is_discarded(&job.steps, it.at)).collect();
+    let iterations = counting.as_slice();
     let series = |name, class, points, marked| Series { name, class, points, marked };
     let spacing = points(iterations, |it| Some((it.spacing.spacing_px, Some(it.spacing.spacing_sigma_px))));
     let target = points(iterations, |it| Some((it.spacing_target_px, None)));
@@ -243,14 +247,19 @@ pub(super) fn number(value: Option<f64>, sigma: Option<f64>, digits: usize) -> S
     }
 }
 
-fn iterations(page: &mut String, iterations: &[Iteration]) {
-    if iterations.is_empty() {
+fn iterations(page: &mut String, job: &JobSnapshot) {
+    if job.iterations.is_empty() {
         return;
     }
     page.push_str(
         "<table>\n<tr><th>#</th><th>what</th><th>focus, mm</th><th>e, mm</th><th>Δv, mm</th><th>e measured, mm</th><th>spacing, px</th><th>target, px</th><th>decision</th></tr>\n",
     );
-    for it in iterations {
+    for it in &job.iterations {
+        let (class, counts) = if is_discarded(&job.steps, it.at) {
+            (" class=\"discarded\"", "Done again, counts no more. ")
+        } else {
+            ("", "")
+        };
         let cells = [
             it.number.to_string(),
             it.kind.word().to_owned(),
@@ -262,7 +271,7 @@ fn iterations(page: &mut String, iterations: &[Iteration]) {
             number(Some(it.spacing_target_px), None, 4),
         ];
         let cells: String = cells.iter().map(|cell| format!("<td class=\"n\">{}</td>", escape(cell))).collect();
-        let _ = writeln!(page, "<tr>{cells}<td>{}</td></tr>", escape(&it.decision));
+        let _ = writeln!(page, "<tr{class}>{cells}<td>{counts}{}</td></tr>", escape(&it.decision));
     }
     page.push_str("</table>\n");
 }

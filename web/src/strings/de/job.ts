@@ -197,6 +197,7 @@ export const iterations: typeof en.iterations = {
     verify: "Nachprüfung",
     sample: "Messung",
   },
+  discarded: "Wiederholt, zählt nicht mehr.",
   chartDifference: "Punktabstand − Soll, px",
   chartBand: "Punktabstand − Soll, ± 2 σ",
   chartTarget: "Sollwert",

@@ -193,6 +193,7 @@ export const iterations = {
     verify: "verify",
     sample: "sample",
   } satisfies Record<Iteration["kind"], string>,
+  discarded: "Done again, counts no more.",
   chartDifference: "spacing less target, px",
   chartBand: "spacing less target, ± 2 σ",
   chartTarget: "target",

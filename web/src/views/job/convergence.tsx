@@ -1,5 +1,6 @@
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
+import { isDiscarded } from "../../discarded";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
 import { differenceAxis, differenceScale } from "../difference";
@@ -37,17 +38,17 @@ function options(colours: Theme): Options {
   };
 }
 
-/** The spacing less its target, iteration by iteration. */
+/** The spacing less its target, iteration by iteration, of those that count. */
 export function Convergence({ job }: { job: Job }) {
   const data = useMemo((): uPlot.AlignedData => {
-    const all = job.iterations;
+    const all = job.iterations.filter((it) => !isDiscarded(job, it));
     const apart = (sigmas: number) =>
       all.map(
         ({ spacing, spacing_target_px: target }) =>
           spacing.spacing_px - target + sigmas * spacing.spacing_sigma_px,
       );
     return [all.map((it) => it.number), apart(-2), apart(2), all.map(() => 0), apart(0)];
-  }, [job.iterations]);
+  }, [job.iterations, job.steps]);
   return (
     <>
       <p class="facts key">
