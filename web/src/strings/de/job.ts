@@ -201,6 +201,9 @@ export const iterations: typeof en.iterations = {
   chartDifference: "Punktabstand − Soll, px",
   chartBand: "Punktabstand − Soll, ± 2 σ",
   chartTarget: "Sollwert",
+  minutes: "Zeit seit der ersten, min",
+  spacing: "Punktabstand, px",
+  spacingBand: "Punktabstand, ± 2 σ",
 };
 
 export const report: typeof en.report = {
@@ -273,9 +276,9 @@ export const outcome: typeof en.outcome = {
   slope: "Steigung",
   measured: "Gemessen",
   measuredOf: (measured, of) => `${measured} von ${of} Positionen`,
+  measuredOfTimes: (measured, of) => `${measured} von ${of} Malen`,
   mean: "Mittelwert",
   scatter: "Streuung",
   between: "Zwischen",
   drift: "Drift",
-  measuredOfTimes: (measured, of) => `${measured} von ${of} Malen`,
 };

@@ -197,6 +197,9 @@ export const iterations = {
   chartDifference: "spacing less target, px",
   chartBand: "spacing less target, ± 2 σ",
   chartTarget: "target",
+  minutes: "time since the first, min",
+  spacing: "spacing, px",
+  spacingBand: "spacing, ± 2 σ",
 };
 
 export const report = {
@@ -269,9 +272,9 @@ export const outcome = {
   slope: "Slope",
   measured: "Measured",
   measuredOf: (measured: number, of: number) => `${measured} of ${of} positions`,
+  measuredOfTimes: (measured: number, of: number) => `${measured} of ${of} times`,
   mean: "Mean",
   scatter: "Scatter",
   between: "Between",
   drift: "Drift",
-  measuredOfTimes: (measured: number, of: number) => `${measured} of ${of} times`,
 };

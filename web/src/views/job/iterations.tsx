@@ -1,9 +1,11 @@
+import { isDiscarded } from "../../discarded";
 import { clock, fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
 import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
 import type { Iteration, Job } from "../../wire";
 import { Explained } from "../term";
 import { Convergence } from "./convergence";
+import { OverTime } from "./over-time";
 import { ThroughFocus } from "./through-focus";
 
 interface Props {
@@ -39,11 +41,7 @@ export function Iterations({ job, unit }: Props) {
 function Table({ job, unit }: Props) {
   return (
     <>
-      {job.request.kind === "focus_sweep" ? (
-        <ThroughFocus key={job.id} job={job} axis={job.request.axis} unit={unit} />
-      ) : (
-        <Convergence key={job.id} job={job} />
-      )}
+      <Chart key={job.id} job={job} unit={unit} />
       <div class="table" tabIndex={0} role="group" aria-label={strings.iterations.title}>
         <table>
           <thead>
@@ -60,7 +58,7 @@ function Table({ job, unit }: Props) {
           </thead>
           <tbody>
             {job.iterations.map((it) => (
-              <Row key={it.number} it={it} unit={unit} />
+              <Row key={it.number} it={it} unit={unit} discarded={isDiscarded(job, it)} />
             ))}
           </tbody>
         </table>
@@ -69,10 +67,21 @@ function Table({ job, unit }: Props) {
   );
 }
 
-function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
+function Chart({ job, unit }: Props) {
+  switch (job.request.kind) {
+    case "focus_sweep":
+      return <ThroughFocus job={job} axis={job.request.axis} unit={unit} />;
+    case "spacing_watch":
+      return <OverTime job={job} />;
+    default:
+      return <Convergence job={job} />;
+  }
+}
+
+function Row({ it, unit, discarded }: { it: Iteration; unit: LengthUnit; discarded: boolean }) {
   const readback = (mm: number | null | undefined) => (typeof mm === "number" ? bare(mm, unit) : "—");
   return (
-    <tr>
+    <tr data-discarded={discarded}>
       <td>{it.number}</td>
       <td>{strings.iterations.stages[it.stage]}</td>
       <td>{strings.iterations.kinds[it.kind]}</td>
@@ -82,8 +91,9 @@ function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
       <td>{fixed(it.spacing_target_px, 4)}</td>
       <td>{readback(it.focus_mm)}</td>
       <td>{readback(it.e_mm)}</td>
-      <td class="words" lang="en">
-        {reworded(it.decision, unit)}
+      <td class="words">
+        {discarded && <b>{strings.iterations.discarded} </b>}
+        <span lang="en">{reworded(it.decision, unit)}</span>
       </td>
     </tr>
   );
