@@ -3,13 +3,13 @@
 use std::sync::Arc;
 
 use plenalign::control::Service;
-use plenalign::control::events::Event;
+use plenalign::control::events::{Event, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
 use plenalign::device::faults::Faults;
 
-use super::bench::{align, quick_axes, run, service, small_config};
+use super::bench::{align, permit, quick_axes, run, service, small_config};
 
 fn sweep(axis: AxisName, from_mm: f64, to_mm: f64, steps: u32) -> JobRequest {
     JobRequest {
@@ -27,6 +27,13 @@ async fn homed(seed: u64) -> Arc<Service> {
     let service = service(config).await;
     let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
     assert_eq!(homed.state, JobState::Succeeded, "{:?}", homed.reason);
+    service
+}
+
+/// The same with the shell on.
+async fn homed_with_the_shell(seed: u64) -> Arc<Service> {
+    let service = homed(seed).await;
+    service.set_shell(&permit(&service), ShellState::On).unwrap();
     service
 }
 
@@ -63,7 +70,7 @@ fn names(job: &JobSnapshot, axis: AxisName) {
 #[tokio::test(start_paused = true)]
 async fn a_sweep_whose_axis_stalls_ends_with_its_name() {
     // For two steps of 21, then free again: best focus would be out by as much as was lost.
-    let service = homed(4).await;
+    let service = homed_with_the_shell(4).await;
     let lost = stall(&service, AxisName::Focus, 1, 3);
     let swept = run(&service, sweep(AxisName::Focus, 1.6, 2.6, 21)).await;
     lost.await.unwrap();
@@ -71,7 +78,7 @@ async fn a_sweep_whose_axis_stalls_ends_with_its_name() {
     assert!(swept.iterations.len() < 6, "{}", swept.iterations.len());
 
     // For good, with steps that the play of an axis could hide one by one.
-    let service = homed(4).await;
+    let service = homed_with_the_shell(4).await;
     let lost = stall(&service, AxisName::Focus, 4, usize::MAX);
     let swept = run(&service, sweep(AxisName::Focus, 2.0, 2.4, 21)).await;
     lost.await.unwrap();
@@ -79,7 +86,7 @@ async fn a_sweep_whose_axis_stalls_ends_with_its_name() {
     assert!(swept.iterations.len() < 8, "{}", swept.iterations.len());
 
     // On its way to the first place: each step after it is as long as it should be.
-    let service = homed(4).await;
+    let service = homed_with_the_shell(4).await;
     let near = run(&service, sweep(AxisName::Focus, 2.0, 2.2, 3)).await;
     assert_eq!(near.state, JobState::Succeeded, "{:?}", near.reason);
     let lost = stall(&service, AxisName::Focus, 0, 1);
@@ -91,7 +98,7 @@ async fn a_sweep_whose_axis_stalls_ends_with_its_name() {
 #[tokio::test(start_paused = true)]
 async fn a_sweep_far_out_of_focus_or_through_the_shell_is_not_taken_for_a_fault() {
     for seed in [4, 5] {
-        let service = homed(seed).await;
+        let service = homed_with_the_shell(seed).await;
         let measured = |swept: &JobSnapshot| {
             assert_eq!(swept.state, JobState::Succeeded, "seed {seed}: {:?}\n{:#?}", swept.reason, swept.log);
             swept.iterations.len()
@@ -114,11 +121,36 @@ async fn a_sweep_far_out_of_focus_or_through_the_shell_is_not_taken_for_a_fault(
 
 #[tokio::test(start_paused = true)]
 async fn a_stalled_e_axis_is_named_through_the_shell() {
-    let service = homed(4).await;
+    let service = homed_with_the_shell(4).await;
     let aligned = align(&service).await;
     assert_eq!(aligned.state, JobState::Converged, "{:?}", aligned.reason);
     let lost = stall(&service, AxisName::E, 2, 4);
     let swept = run(&service, sweep(AxisName::E, 14.0, 2.0, 9)).await;
     lost.await.unwrap();
     names(&swept, AxisName::E);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_sweep_over_two_boards_says_so() {
+    let service = homed_with_the_shell(4).await;
+    let aligned = align(&service).await;
+    assert_eq!(aligned.state, JobState::Converged, "{:?}", aligned.reason);
+    let mut faults = Faults::default();
+    faults.scene.second_board_mm = 150.0;
+    service.bench().simulated.as_ref().unwrap().set_faults(faults);
+    let swept = run(&service, sweep(AxisName::Focus, 1.9, 2.3, 5)).await;
+    let reason = swept.reason.as_deref().unwrap_or_default();
+    assert_eq!((swept.state, swept.outcome.as_ref()), (JobState::Failed, None), "{reason}");
+    assert!(reason.contains("two boards where one flat board was asked for"), "{reason}");
+}
+
+#[tokio::test(start_paused = true)]
+async fn where_nobody_has_said_that_the_shell_is_on_a_sweep_is_in_air() {
+    let service = homed(4).await;
+    assert_eq!(service.bench_view().shell, ShellState::Unknown);
+    let swept = run(&service, sweep(AxisName::Focus, 2.0, 2.2, 3)).await;
+    assert_eq!(swept.state, JobState::Succeeded, "{:?}", swept.reason);
+    let asked: Vec<_> = swept.steps.iter().map(|step| step.name.as_str()).collect();
+    assert_eq!(asked, ["white_frame", "board_in_air", "measuring"]);
+    assert_eq!(service.bench_view().shell, ShellState::Off);
 }

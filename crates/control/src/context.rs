@@ -48,6 +48,13 @@ pub(super) enum JobEnd {
         /// Why, in words.
         why: String,
     },
+    /// A frame shows two boards where one was asked for.
+    TwoBoards {
+        /// What it shows, and what to do, in words.
+        why: String,
+        /// The spacings of the two, px.
+        spacings_px: [f64; 2],
+    },
     /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
     Repeat(Repeatable),
     /// Something failed.

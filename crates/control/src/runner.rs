@@ -50,14 +50,18 @@ pub(super) async fn run(
     let findings = alignment.findings;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
-        Err(JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. }) if motion.stop_view().latched => {
+        Err(JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. })
+            if motion.stop_view().latched =>
+        {
             (JobState::Cancelled, context.cancelled_why().unwrap_or_else(|| "stopped".to_owned()))
         }
         Ok(()) => done(kind),
         // A stop cancels the job that it cuts short, but what was asked before it is why the job ends.
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, context.cancelled_why().unwrap_or(why)),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
-        Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why }) => (JobState::Failed, why),
+        Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why } | JobEnd::TwoBoards { why, .. }) => {
+            (JobState::Failed, why)
+        }
         Err(JobEnd::Repeat(_)) => (
             JobState::Failed,
             "a step was asked for again where none can be; this is a defect of the program".to_owned(),

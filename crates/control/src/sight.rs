@@ -114,15 +114,17 @@ impl Measured {
     /// # Errors
     /// That there are two.
     pub(super) fn of_one_board(self) -> Result<Self, JobEnd> {
-        let Some(TwoBoardsView { spacings_px: [larger, smaller], share, .. }) = self.two_boards else {
+        let Some(TwoBoardsView { spacings_px, share, .. }) = self.two_boards else {
             return Ok(self);
         };
-        Err(JobEnd::failed(format!(
+        let [larger, smaller] = spacings_px;
+        let why = format!(
             "the picture shows two boards where one flat board was asked for: a spacing of {larger:.2} px over {:.0} % of \
              it and of {smaller:.2} px over {:.0} %; take one of them away, or let one fill the picture",
             100.0 * (1.0 - share),
             100.0 * share
-        )))
+        );
+        Err(JobEnd::TwoBoards { why, spacings_px })
     }
 }
 

@@ -52,6 +52,7 @@ impl Alignment<'_> {
         self.context.doing(format!("sweep: measuring where the {} axis stands", sweep.axis));
         self.look_on_the_way(way.as_mut(), sweep.axis).await?;
         let mut samples = Vec::new();
+        let mut two_boards = Vec::new();
         for step in 0..sweep.steps {
             let share = f64::from(step) / f64::from(sweep.steps - 1);
             let to = sweep.from_mm + share * (sweep.to_mm - sweep.from_mm);
@@ -64,6 +65,10 @@ impl Alignment<'_> {
                 }
                 // Out of the range of focus is what a sweep may well run into.
                 Err(JobEnd::Unmeasurable { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
+                Err(JobEnd::TwoBoards { why, spacings_px }) => {
+                    self.context.log(format!("nothing measured at {to:.3} mm: {why}"));
+                    two_boards.push((why, spacings_px));
+                }
                 Err(end) => return Err(end),
             }
         }
@@ -71,10 +76,13 @@ impl Alignment<'_> {
         self.go(sweep.axis, start).await?;
         self.context.doing("sweep: measuring where it began");
         self.look_on_the_way(way.as_mut(), sweep.axis).await?;
+        let target_px = self.eye.target_px();
+        if let Some((why, _)) = two_boards.into_iter().find(|(_, seen_px)| !is_beyond(&samples, *seen_px, target_px)) {
+            return Err(JobEnd::failed(why));
+        }
         if samples.is_empty() {
             return Err(JobEnd::NotConverged { why: "no spacing could be measured anywhere on the way".to_owned() });
         }
-        let target_px = self.eye.target_px();
         let crossing = crossing(&samples, target_px);
         let at = |sample: &Sample, value, sigma| Point { position_mm: sample.at, value, sigma };
         let spacings: Vec<Point> =
@@ -123,7 +131,7 @@ impl Alignment<'_> {
     async fn look_on_the_way(&self, way: Option<&mut SweptWay>, axis: AxisName) -> Result<(), JobEnd> {
         match self.context.unless_cancelled(self.eye.spacing(1)).await {
             Ok(seen) => self.check_way(way, axis, &seen),
-            Err(JobEnd::Unmeasurable { .. }) => Ok(()),
+            Err(JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. }) => Ok(()),
             Err(end) => Err(end),
         }
     }
@@ -223,7 +231,8 @@ impl Alignment<'_> {
     }
 
     async fn flat_board(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
-        if self.motion.shell() == ShellState::Off {
+        // Where it is not known whether the shell is on, the white frame has had it taken off.
+        if self.motion.shell() != ShellState::On {
             let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
             let in_range = || {
                 let reading_mm = self.motion.position_mm(AxisName::Focus).ok()?;
@@ -253,6 +262,14 @@ impl Schedule {
     fn elapsed(&self, at: Instant) -> Duration {
         at.saturating_duration_since(self.begin)
     }
+}
+
+/// Whether two boards are seen only further from focus than everything that was measured as one. What a frame shows there may
+/// look like two; two that are there are seen nearer to focus, too.
+fn is_beyond(samples: &[Sample], seen_px: [f64; 2], target_px: f64) -> bool {
+    let off = |spacing_px: f64| (spacing_px - target_px).abs();
+    let measured = samples.iter().map(|sample| off(sample.spacing_px)).fold(0.0, f64::max);
+    !samples.is_empty() && seen_px.into_iter().all(|spacing_px| off(spacing_px) > measured)
 }
 
 /// Where a line of samples meets a target.
@@ -331,6 +348,15 @@ mod tests {
         assert!((straight.sigma - 0.002 * 0.25f64.hypot(0.75)).abs() < 1e-12, "{straight:?}");
         assert_eq!(crossing(&samples, 18.0), None);
         assert_eq!(crossing(&samples[..1], 22.5), None);
+    }
+
+    #[test]
+    fn two_boards_count_unless_they_are_seen_beyond_all_that_was_measured() {
+        let samples = [sample(0.0, 22.0), sample(1.0, 20.0), sample(2.0, 18.0)];
+        let beyond = |seen_px| is_beyond(&samples, seen_px, 19.5);
+        assert!(beyond([23.1, 22.5]) && beyond([16.5, 15.9]));
+        assert!(!beyond([23.1, 21.9]) && !beyond([20.2, 19.6]) && !beyond([18.3, 17.1]));
+        assert!(!is_beyond(&[], [23.1, 22.5], 19.5));
     }
 
     #[test]

@@ -117,6 +117,7 @@ impl Service {
         if let Some(white) = white {
             self.eye.learn(white.into()).await.map_err(|end| match end {
                 JobEnd::Failed { why }
+                | JobEnd::TwoBoards { why, .. }
                 | JobEnd::Unmeasurable { why }
                 | JobEnd::Cancelled { why }
                 | JobEnd::NotConverged { why } => why,
