@@ -105,8 +105,11 @@ try {
   step("homing is a job as well; its starter has control, and others see who");
   await open(ana.page, "Alignment");
   await ana.page.locator("#kind").selectOption("focus_sweep");
-  await ana.page.locator("#start").click();
-  assert.equal(await ana.page.locator(".start .fault").count(), 2, "a sweep without its ends is not refused");
+  await ana.page.locator(".start", { hasText: "The focus axis has no place before it is homed" }).waitFor();
+  assert(
+    await ana.page.locator("#start").isDisabled(),
+    "a sweep between places that are not known is offered",
+  );
   await ana.page.locator('.start input[name="from_mm"]').fill("0");
   await ana.page.locator('.start input[name="to_mm"]').fill("1");
   await ana.page.locator(".start .aim", { hasText: "11 positions, 0.1000 mm apart" }).waitFor();
@@ -118,6 +121,10 @@ try {
   await ana.page.locator("#start").click();
   await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
   assert.match(await ana.page.locator(".result").innerText(), /e axis\s+30\.000 mm/);
+  await ana.page.locator("#kind").selectOption("focus_sweep");
+  for (const name of ["from_mm", "to_mm"]) await ana.page.locator(`.start input[name="${name}"]`).fill("");
+  await ana.page.locator("#start").click();
+  assert.equal(await ana.page.locator(".start .fault").count(), 2, "a sweep without its ends is not refused");
   await ana.page.locator(".lease[data-lease=mine]").waitFor();
   await ben.page.locator(".lease[data-lease=others]", { hasText: "Ana at the bench has control" }).waitFor();
 

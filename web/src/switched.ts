@@ -1,4 +1,5 @@
-// Axes that keep a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it.
+// Axes that keep a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it;
+// and a sweep goes between places, which there are none of before homing.
 
 import type { AxisName, Bench, JobKind } from "./wire";
 
@@ -28,4 +29,10 @@ function movedBy({ kind, axis, axes }: Asked): readonly AxisName[] {
 export function switched(bench: Bench, asked: Asked): AxisName[] {
   const pressed = bench.axes.filter((one) => one.connected && one.limit_switch).map(({ axis }) => axis);
   return movedBy(asked).filter((axis) => pressed.includes(axis));
+}
+
+/** The axis whose place a job has to be told of, and that has none. */
+export function placeless(bench: Bench, { kind, axis }: Asked): AxisName | null {
+  if (kind !== "focus_sweep") return null;
+  return bench.axes.some((one) => one.axis === axis && !one.homed) ? (axis ?? null) : null;
 }

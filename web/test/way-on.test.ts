@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { switched } from "../src/switched";
+import { placeless, switched } from "../src/switched";
 import { wayOn } from "../src/way-on";
 import { bench, job } from "./fixtures";
 
@@ -31,6 +31,20 @@ describe("the way on from a job that ended early", () => {
     const request = { kind: "spacing_watch" as const, duration_s: 60 };
     const watch = { ...job("a", 3, "interrupted"), kind: "spacing_watch" as const, request };
     expect(wayOn(watch, holds)).toEqual({ airStep: null, ways: [{ is: "again", request }] });
+  });
+
+  it("is homing first for a sweep of an axis that has no place", () => {
+    const request = { kind: "focus_sweep" as const, axis: "e" as const, from_mm: 20, to_mm: 10 };
+    const swept = { ...job("a", 3, "failed"), kind: "focus_sweep" as const, request };
+    const unhomed = { ...bench, axes: bench.axes.map((one) => ({ ...one, homed: one.axis !== "e" })) };
+    expect(wayOn(swept, unhomed)?.ways).toEqual([
+      { is: "goOn", request: { kind: "homing", axes: ["e"] } },
+      { is: "again", request },
+    ]);
+    expect(placeless(unhomed, { kind: "focus_sweep", axis: "focus" })).toBeNull();
+    expect(placeless(unhomed, { kind: "joint_alignment" })).toBeNull();
+    const homed = { ...bench, axes: bench.axes.map((one) => ({ ...one, homed: true })) };
+    expect(kinds(swept, homed)).toEqual(["focus_sweep"]);
   });
 
   it("is none while it runs, and after it has come to its end", () => {

@@ -14,7 +14,7 @@ import {
 import { able, may } from "../../state";
 import { called } from "../../names";
 import { strings } from "../../strings";
-import { switched } from "../../switched";
+import { placeless, switched } from "../../switched";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Given } from "../given";
@@ -53,11 +53,13 @@ export function StartJob(given: Given) {
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const other = api.lease.other(state.bench?.lease);
   const barring = state.bench ? switched(state.bench, draft) : [];
+  const homeless = state.bench && placeless(state.bench, draft);
   const ready =
     Boolean(state.bench) &&
     !state.bench?.stop.latched &&
     !state.bench?.history_fault &&
     barring.length === 0 &&
+    homeless === null &&
     able(state, "control") &&
     other === null &&
     (plan === null || eOf(draft, unit) !== null || isPossible(plan, draft.kind));
@@ -162,6 +164,7 @@ export function StartJob(given: Given) {
           {strings.byHand.leaveFirst(strings.axis.short[axis])}
         </p>
       ))}
+      {homeless && <p class="quiet">{strings.byHand.homeFirst(strings.axis.short[homeless])}</p>}
       {other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>

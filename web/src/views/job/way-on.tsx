@@ -2,7 +2,7 @@ import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { able, may } from "../../state";
 import { strings } from "../../strings";
-import { switched } from "../../switched";
+import { placeless, switched } from "../../switched";
 import { wayOn } from "../../way-on";
 import type { Job, JobRequest } from "../../wire";
 import type { Given } from "../given";
@@ -17,6 +17,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   const free = api.lease.other(bench.lease) === null;
   const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
   const barring = [...new Set(on.ways.flatMap(({ request }) => switched(bench, request)))];
+  const homeless = placeless(bench, job.request);
   const start = async (request: JobRequest) => {
     setStarting(true);
     await act(api.startJob(request));
@@ -33,6 +34,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
         {barring.map((axis) => (
           <li key={axis}>{strings.byHand.leaveFirst(strings.axis.short[axis])}</li>
         ))}
+        {homeless && <li>{strings.byHand.homeFirst(strings.axis.short[homeless])}</li>}
       </ul>
       <p class="actions">
         {on.ways.map(({ is, request }, index) => (
@@ -41,7 +43,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
             type="button"
             class={index === 0 ? "primary" : undefined}
             data-way={is}
-            disabled={!ready || switched(bench, request).length > 0}
+            disabled={!ready || switched(bench, request).length > 0 || placeless(bench, request) !== null}
             title={strings.job.meaning[request.kind]}
             onClick={() => void start(request)}
           >
