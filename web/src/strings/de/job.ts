@@ -5,6 +5,8 @@ import type * as en from "../en/job";
 export const job: typeof en.job = {
   title: "Auftrag",
   none: "Seit dem Start des Dienstes lief kein Auftrag.",
+  movedSince:
+    "Die Achsen wurden seither bewegt: So endete der Auftrag; so steht die Kamera jetzt nicht mehr.",
   gone: "Diesen Auftrag gibt es im Verlauf nicht.",
   start: "Starten",
   startTitle: "Auftrag starten",

@@ -14,6 +14,7 @@ import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
 import { useInterrupted } from "./interrupted";
 import { Iterations } from "./iterations";
+import { movedSince } from "../../moved-since";
 import { Outcome } from "./outcome";
 import { Progress } from "./progress";
 import { Result } from "./result";
@@ -98,6 +99,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
           {sentence(reworded(job.reason, unit))}
         </p>
       )}
+      {present && movedSince(job, given.state.bench) && <p class="moved-since">{strings.job.movedSince}</p>}
       <Steps {...given} />
       {present && <WayOn {...given} />}
       {!over && <HandOn {...given} />}
