@@ -8,6 +8,8 @@ export const NO_ANSWER = "urn:plenalign:page:no-answer";
 
 /** What a request that failed by itself comes to. */
 export function noAnswer(error: unknown): Problem {
-  const detail = error instanceof Error ? error.message : String(error);
+  // What a browser says of its own clock is in its own language.
+  const late = error instanceof DOMException && error.name === "TimeoutError";
+  const detail = late ? strings.noAnswerInTime : error instanceof Error ? error.message : String(error);
   return { type: NO_ANSWER, title: strings.noAnswer, status: 0, detail };
 }

@@ -28,7 +28,8 @@ export function Stop({ state, update, newest }: Given) {
 /** That the bench is stopped, or that it could not be, and who reset it last. */
 export function StopNotices(given: Given) {
   const { state, update, newest, now } = given;
-  const reset = newsOfReset(state, now);
+  // What may have changed since is no news.
+  const reset = state.link === "open" ? newsOfReset(state, now) : null;
   return (
     <>
       {state.stopFailed && (

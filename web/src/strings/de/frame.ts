@@ -22,6 +22,7 @@ export const frame: typeof en.frame = {
   stageGone: (axes) => `Nicht verbunden: ${axes.join(", ")}`,
   stageGoneMore: "Nichts lässt sich verfahren.",
   noAnswer: "Der Dienst antwortet nicht",
+  noAnswerInTime: "rechtzeitig kam keine Antwort",
   dismiss: "Ausblenden",
   close: "Schließen",
   historyFault: "Nichts lässt sich verfahren",

@@ -23,6 +23,7 @@ export const frame = {
   stageGone: (axes: string[]) => `Not connected: ${axes.join(", ").toLowerCase()}`,
   stageGoneMore: "Nothing can be moved.",
   noAnswer: "The daemon does not answer",
+  noAnswerInTime: "no answer came in time",
   dismiss: "Dismiss",
   close: "Close",
   historyFault: "Nothing can be moved",

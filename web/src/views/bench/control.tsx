@@ -22,12 +22,16 @@ export function Bench(given: Given) {
   const { unit, stepMm } = state.preferences;
   const commanding = may(state, "control");
   const other = api.lease.other(bench.lease);
-  const busy = Boolean(bench.job) || bench.stop.latched || !able(state, "control") || other !== null;
+  // Nothing is moved that the history could not be given.
+  const kept = !bench.history_fault;
+  const busy = Boolean(bench.job) || bench.stop.latched || !kept || !able(state, "control") || other !== null;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
-      {commanding && other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
+      {commanding && state.link === "open" && other !== null && (
+        <p class="quiet">{strings.byHand.others(called(other))}</p>
+      )}
       <p class="paces">
         <Old {...given} />
         <span class="named">

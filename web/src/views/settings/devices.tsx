@@ -20,7 +20,7 @@ export function Devices({ state, load }: Given) {
     <section class="card devices" aria-label={words.devices}>
       <h2>
         {words.devices}
-        <button type="button" id="look-again" onClick={() => void look()}>
+        <button type="button" id="look-again" disabled={state.link !== "open"} onClick={() => void look()}>
           {words.lookAgain}
         </button>
       </h2>
