@@ -97,8 +97,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
                 (at_shell, iterations) = (true, job.iterations.len());
                 assert_eq!(step.repeatable, [3, 6]);
                 let far = job.progress;
-                let back = service.repeat(id, 6, shown).unwrap();
-                drop(back);
+                service.repeat(id, 6, shown).unwrap();
                 let again = asks(&service, id, seen).await;
                 assert!(again.progress.step < far.step && again.progress.of == far.of, "{far:?}, {:?}", again.progress);
             }
