@@ -122,6 +122,19 @@ export function tickText(tick: number | null): string {
   return tick === null ? "" : String(Number(tick.toPrecision(10))).replace("-", "−");
 }
 
+/** An edge of the band about what is measured: not drawn itself. */
+export const bandEdge: uPlot.Series = { stroke: "transparent", points: { show: false } };
+
+/** What is measured, a line through its points. */
+export function measuredLine(colours: Theme, label: string): uPlot.Series {
+  return {
+    label,
+    stroke: colours.accent,
+    width: 2,
+    points: { show: true, size: 7, fill: colours.accent },
+  };
+}
+
 /** An axis of a chart in the page's colours. */
 export function scaleAxis(colours: Theme, label?: string): uPlot.Axis {
   const px = (usual: number) => Math.round(usual * colours.scale);

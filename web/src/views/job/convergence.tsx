@@ -5,7 +5,7 @@ import { strings } from "../../strings";
 import type { Job } from "../../wire";
 import { differenceAxis, differenceScale } from "../difference";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";
 
 const HEIGHT = 240;
 
@@ -24,15 +24,10 @@ function options(colours: Theme): Options {
     ],
     series: [
       { label: strings.charts.iteration },
-      { stroke: "transparent", points: { show: false } },
-      { stroke: "transparent", points: { show: false } },
+      bandEdge,
+      bandEdge,
       { stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
-      {
-        label: strings.iterations.chartDifference,
-        stroke: colours.accent,
-        width: 2,
-        points: { show: true, size: 7, fill: colours.accent },
-      },
+      measuredLine(colours, strings.iterations.chartDifference),
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
   };

@@ -3,7 +3,7 @@ import type uPlot from "uplot";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";
 
 const HEIGHT = 240;
 const MINUTE_MS = 60_000;
@@ -15,17 +15,7 @@ function options(colours: Theme): Options {
     legend: { show: false },
     cursor: { show: true },
     axes: [scaleAxis(colours, words.minutes), scaleAxis(colours, words.spacing)],
-    series: [
-      { label: words.minutes },
-      { stroke: "transparent", points: { show: false } },
-      { stroke: "transparent", points: { show: false } },
-      {
-        label: words.spacing,
-        stroke: colours.accent,
-        width: 2,
-        points: { show: true, size: 7, fill: colours.accent },
-      },
-    ],
+    series: [{ label: words.minutes }, bandEdge, bandEdge, measuredLine(colours, words.spacing)],
     bands: [{ series: [2, 1], fill: colours.band }],
   };
 }

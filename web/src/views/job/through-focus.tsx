@@ -5,7 +5,7 @@ import { clarities, spacings } from "../../through-focus";
 import { inUnit, measuredLength, type LengthUnit } from "../../units";
 import type { AxisName, FittedPlace, Job } from "../../wire";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";
 
 const HEIGHT = 240;
 
@@ -41,7 +41,7 @@ function marked({ spacing, eog }: Marks, colours: Theme): uPlot.Hooks.Arrays {
   };
 }
 
-const hidden = { stroke: "transparent", points: { show: false }, spanGaps: true };
+const hidden = { ...bandEdge, spanGaps: true };
 
 function spacingOptions(x: string, marks: Marks): (colours: Theme) => Options {
   const words = strings.throughFocus;
@@ -55,12 +55,7 @@ function spacingOptions(x: string, marks: Marks): (colours: Theme) => Options {
       hidden,
       hidden,
       { stroke: colours.good, width: 2, dash: [6, 4], points: { show: false }, spanGaps: true },
-      {
-        label: words.spacing,
-        stroke: colours.accent,
-        width: 0,
-        points: { show: true, size: 7, fill: colours.accent },
-      },
+      { ...measuredLine(colours, words.spacing), width: 0 },
       { stroke: colours.accent, width: 2, points: { show: false }, spanGaps: true },
     ],
     bands: [{ series: [2, 1], fill: colours.band }],
