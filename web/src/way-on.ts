@@ -1,7 +1,7 @@
 // What can be done after a job that ended before its end.
 
+import { unhomed } from "./barred";
 import { isFinal } from "./state";
-import { placeless } from "./switched";
 import type { Bench, Job, JobRequest } from "./wire";
 
 export interface WayOn {
@@ -15,9 +15,9 @@ export interface WayOn {
 export function wayOn(job: Job, bench: Bench | null): WayOn | null {
   if (!isFinal(job.state) || job.state === "converged" || job.state === "succeeded") return null;
   const again = { is: "again" as const, request: job.request };
-  const homeless = bench && placeless(bench, job.request);
-  if (homeless) {
-    const home = { is: "goOn" as const, request: { kind: "homing" as const, axes: [homeless] } };
+  const lost = bench && unhomed(bench, job.request);
+  if (lost) {
+    const home = { is: "goOn" as const, request: { kind: "homing" as const, axes: [lost] } };
     return { airStep: null, ways: [home, again] };
   }
   if (job.kind !== "joint_alignment" && job.kind !== "shell_only") return { airStep: null, ways: [again] };

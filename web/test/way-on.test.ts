@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { placeless, switched } from "../src/switched";
+import { switched, unhomed } from "../src/barred";
 import { wayOn } from "../src/way-on";
 import { bench, job } from "./fixtures";
 
@@ -36,13 +36,13 @@ describe("the way on from a job that ended early", () => {
   it("is homing first for a sweep of an axis that has no place", () => {
     const request = { kind: "focus_sweep" as const, axis: "e" as const, from_mm: 20, to_mm: 10 };
     const swept = { ...job("a", 3, "failed"), kind: "focus_sweep" as const, request };
-    const unhomed = { ...bench, axes: bench.axes.map((one) => ({ ...one, homed: one.axis !== "e" })) };
-    expect(wayOn(swept, unhomed)?.ways).toEqual([
+    const lost = { ...bench, axes: bench.axes.map((one) => ({ ...one, homed: one.axis !== "e" })) };
+    expect(wayOn(swept, lost)?.ways).toEqual([
       { is: "goOn", request: { kind: "homing", axes: ["e"] } },
       { is: "again", request },
     ]);
-    expect(placeless(unhomed, { kind: "focus_sweep", axis: "focus" })).toBeNull();
-    expect(placeless(unhomed, { kind: "joint_alignment" })).toBeNull();
+    expect(unhomed(lost, { kind: "focus_sweep", axis: "focus" })).toBeNull();
+    expect(unhomed(lost, { kind: "joint_alignment" })).toBeNull();
     const homed = { ...bench, axes: bench.axes.map((one) => ({ ...one, homed: true })) };
     expect(kinds(swept, homed)).toEqual(["focus_sweep"]);
   });

@@ -23,8 +23,8 @@ export function Bench(given: Given) {
   const commanding = may(state, "control");
   const other = api.lease.other(bench.lease);
   // Nothing is moved that the history could not be given.
-  const kept = !bench.history_fault;
-  const busy = Boolean(bench.job) || bench.stop.latched || !kept || !able(state, "control") || other !== null;
+  const hindered = Boolean(bench.job || bench.stop.latched || bench.history_fault);
+  const busy = hindered || !able(state, "control") || other !== null;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>

@@ -1,5 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
+import { barred } from "../../barred";
 import {
   check,
   draftOf,
@@ -14,7 +15,6 @@ import {
 import { able, may } from "../../state";
 import { called } from "../../names";
 import { strings } from "../../strings";
-import { placeless, switched } from "../../switched";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
 import type { Given } from "../given";
@@ -52,14 +52,12 @@ export function StartJob(given: Given) {
   const plan = usePlan(PLANNED.includes(draft.kind), state);
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const other = api.lease.other(state.bench?.lease);
-  const barring = state.bench ? switched(state.bench, draft) : [];
-  const homeless = state.bench && placeless(state.bench, draft);
+  const barring = state.bench ? barred(state.bench, draft) : [];
   const ready =
     Boolean(state.bench) &&
     !state.bench?.stop.latched &&
     !state.bench?.history_fault &&
     barring.length === 0 &&
-    homeless === null &&
     able(state, "control") &&
     other === null &&
     (plan === null || eOf(draft, unit) !== null || isPossible(plan, draft.kind));
@@ -159,12 +157,11 @@ export function StartJob(given: Given) {
           {strings.job.start}: {strings.job.kinds[draft.kind]}
         </button>
       </p>
-      {barring.map((axis) => (
-        <p class="quiet" key={axis}>
-          {strings.byHand.leaveFirst(strings.axis.short[axis])}
+      {barring.map((why) => (
+        <p class="quiet" key={why}>
+          {why}
         </p>
       ))}
-      {homeless && <p class="quiet">{strings.byHand.homeFirst(strings.axis.short[homeless])}</p>}
       {other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>

@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 import * as api from "../../api";
+import { barred } from "../../barred";
 import { able, may } from "../../state";
 import { strings } from "../../strings";
-import { placeless, switched } from "../../switched";
 import { wayOn } from "../../way-on";
 import type { Job, JobRequest } from "../../wire";
 import type { Given } from "../given";
@@ -16,8 +16,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   const words = strings.wayOn;
   const free = api.lease.other(bench.lease) === null;
   const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
-  const barring = [...new Set(on.ways.flatMap(({ request }) => switched(bench, request)))];
-  const homeless = placeless(bench, job.request);
+  const barring = [...new Set(on.ways.flatMap(({ request }) => barred(bench, request)))];
   const start = async (request: JobRequest) => {
     setStarting(true);
     await act(api.startJob(request));
@@ -31,10 +30,9 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
         {job.state === "interrupted" && bench.shell === "unknown" && <li>{words.shell}</li>}
         {on.airStep && <li>{words.airStep[on.airStep]}</li>}
         {bench.stop.latched && <li>{words.resetFirst}</li>}
-        {barring.map((axis) => (
-          <li key={axis}>{strings.byHand.leaveFirst(strings.axis.short[axis])}</li>
+        {barring.map((why) => (
+          <li key={why}>{why}</li>
         ))}
-        {homeless && <li>{strings.byHand.homeFirst(strings.axis.short[homeless])}</li>}
       </ul>
       <p class="actions">
         {on.ways.map(({ is, request }, index) => (
@@ -43,7 +41,7 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
             type="button"
             class={index === 0 ? "primary" : undefined}
             data-way={is}
-            disabled={!ready || switched(bench, request).length > 0 || placeless(bench, request) !== null}
+            disabled={!ready || barred(bench, request).length > 0}
             title={strings.job.meaning[request.kind]}
             onClick={() => void start(request)}
           >

@@ -1,6 +1,7 @@
-// Axes that keep a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it;
-// and a sweep goes between places, which there are none of before homing.
+// What keeps a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it; and a
+// sweep goes between places, which there are none of before homing.
 
+import { strings } from "./strings";
 import type { AxisName, Bench, JobKind } from "./wire";
 
 /** What a job is asked for with, as far as it tells which axes it moves. */
@@ -31,8 +32,19 @@ export function switched(bench: Bench, asked: Asked): AxisName[] {
   return movedBy(asked).filter((axis) => pressed.includes(axis));
 }
 
-/** The axis whose place a job has to be told of, and that has none. */
-export function placeless(bench: Bench, { kind, axis }: Asked): AxisName | null {
+/** The axis whose places a job is told, and that has none yet. */
+export function unhomed(bench: Bench, { kind, axis }: Asked): AxisName | null {
   if (kind !== "focus_sweep") return null;
   return bench.axes.some((one) => one.axis === axis && !one.homed) ? (axis ?? null) : null;
+}
+
+/** Why a job cannot begin, and what to do first, in words. */
+export function barred(bench: Bench, asked: Asked): string[] {
+  const { leaveFirst, homeFirst } = strings.byHand;
+  const { short } = strings.axis;
+  const lost = unhomed(bench, asked);
+  return [
+    ...switched(bench, asked).map((axis) => leaveFirst(short[axis])),
+    ...(lost ? [homeFirst(short[lost])] : []),
+  ];
 }
