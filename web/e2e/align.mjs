@@ -315,6 +315,16 @@ try {
 
   step(
     "an alignment runs to its end by single clicks, and says how long it takes by what the last ones took",
+  step("while nobody has said whether the shell is on, there is no target to be on");
+  const shell = page.locator(".shell");
+  await shell.getByRole("button", { name: "unknown", exact: true }).click();
+  const unsaid = page.locator(".meter[data-old=false][data-direction=unsaid]");
+  await unsaid.locator(".advice", { hasText: "Nobody has said whether the shell is on" }).waitFor();
+  assert.equal(await unsaid.locator(".tag.good").count(), 0, "in focus, by a target that may be another");
+  await photograph(page, "shell-unknown");
+  await shell.getByRole("button", { name: "on", exact: true }).click();
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+
   );
   await open(page, "Alignment");
   await page.locator("#start").click();

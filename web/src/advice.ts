@@ -33,6 +33,7 @@ export function advice(
     return { main: words.thereMore(fixed(reading.tolerancePx, 3)), other: null };
   if (reading.direction === "levels") return { main: words.levelsMore, other: null };
   if (reading.direction === "elsewhere") return { main: words.elsewhereMore, other: null };
+  if (reading.direction === "unsaid") return { main: words.unsaidMore, other: null };
   if (reading.direction === "doubted") return { main: words.doubtedMore(reading.unresolved), other: null };
   if (reading.twoBoards) {
     const { spacings_px, share } = reading.twoBoards;

@@ -6,9 +6,10 @@ import type { Combined, FrameReading, Measurement, TwoBoards } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
  *  where it cannot be told from the target, and not well enough known to be accepted; of two boards, of what may be two
- *  ("doubted"), or of a board of several levels, the spacing is none's; that of a board "elsewhere" has another target. */
+ *  ("doubted"), or of a board of several levels, the spacing is none's; that of a board "elsewhere" has another target; and
+ *  "unsaid" is whether the shell is on, and so which target it has. */
 export type Direction =
-  "larger" | "smaller" | "there" | "unsure" | "two_boards" | "doubted" | "levels" | "elsewhere";
+  "larger" | "smaller" | "there" | "unsure" | "two_boards" | "doubted" | "levels" | "elsewhere" | "unsaid";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -129,18 +130,18 @@ export function frameReading(
   };
 }
 
-/** Of two boards, of what may be two, of several levels, or of one elsewhere, that it is, whatever the spacing comes to. */
-function told(measurement: Measurement | null, doubted: boolean, { board }: Scene) {
+/** Of what is not to be compared with the target, which it is, whatever the spacing comes to. */
+function told(measurement: Measurement | null, doubted: boolean, { otherwise }: Scene) {
   const twoBoards = measurement?.two_boards ?? null;
   const several = twoBoards ? "two_boards" : doubted ? "doubted" : null;
-  const direction: Direction | null = board === "levels" ? board : (several ?? board);
+  const direction: Direction | null = otherwise === "levels" ? otherwise : (several ?? otherwise);
   return { twoBoards, ...(direction && { direction, inFocus: false }) };
 }
 
 /** Whether a reading is the spacing of one board that it can be compared for, as far as is known: of no other anything is
  *  ordered. */
 export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
-  return !["two_boards", "doubted", "levels", "elsewhere"].includes(direction);
+  return !["two_boards", "doubted", "levels", "elsewhere", "unsaid"].includes(direction);
 }
 
 /** A reading that is of no one board; null where it is, or there is none. */

@@ -28,13 +28,15 @@ export function knowsMotion(bench: Bench | null): boolean {
 export interface Scene {
   /** Whether a job would set Δv, in air, and not e through the shell. */
   inAir: boolean;
-  /** The board, where its spacing is not to be compared with the target: of one of several levels that of the whole field is of
-   *  none of them, and one that stands elsewhere than where the camera is to be focused has another target. */
-  board: "levels" | "elsewhere" | null;
+  /** Why its spacing is not to be compared with the target, where it is not: of a board of several levels that of the whole
+   *  field is of none of them, one that stands elsewhere than where the camera is to be focused has another target, and while
+   *  nobody has said whether the shell is on, it is not known which target it has. */
+  otherwise: "levels" | "elsewhere" | "unsaid" | null;
 }
 
 export function sceneOf(bench: Bench | null): Scene {
   const inAir = bench?.shell !== "on";
-  if (bench?.in_view === "stepped_board") return { inAir, board: "levels" };
-  return { inAir, board: bench?.in_view === "board_elsewhere" ? "elsewhere" : null };
+  if (bench?.in_view === "stepped_board") return { inAir, otherwise: "levels" };
+  if (bench?.in_view === "board_elsewhere") return { inAir, otherwise: "elsewhere" };
+  return { inAir, otherwise: bench?.shell === "unknown" ? "unsaid" : null };
 }

@@ -63,7 +63,7 @@ export const bench: Bench = {
     notes: [],
     replay: false,
   },
-  shell: "unknown",
+  shell: "on",
   in_view: "unknown",
   set_up_at: "1970-01-01T00:00:00Z",
   air_step_holds: false,

@@ -52,7 +52,7 @@ describe("the meter's figure", () => {
 });
 
 /** Through the shell. */
-const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, board: null });
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, otherwise: null });
 
 describe("peak hold", () => {
   it("keeps what came closest to the target, and where the axes stood", () => {
@@ -179,6 +179,15 @@ describe("a board of several levels in view", () => {
     expect(advice(there!, correction(design, there!), "delta_v", "mm").main).toBe(
       strings.meter.elsewhereMore,
     );
+    // Nor is any while nobody has said whether the shell is on: in air the target is another.
+    const unsaid = {
+      ...state,
+      bench: { ...snapshotBench, in_view: "flat_board" as const, shell: "unknown" as const },
+      measurement: whole,
+    };
+    const { reading: one, best: neither } = receiveReading(unsaid, frameReading(19.725, at), at);
+    expect([one?.direction, one?.inFocus, neither]).toEqual(["unsaid", false, null]);
+    expect(advice(one!, correction(design, one!), "e", "mm").main).toBe(strings.meter.unsaidMore);
     // Whatever was seen of two boards before: they are its levels.
     const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
     const both = receiveReading(
@@ -407,6 +416,7 @@ describe("the advice", () => {
           meter.unsureMore,
           meter.levelsMore,
           meter.elsewhereMore,
+          meter.unsaidMore,
           meter.doubtedMore(""),
         ],
         ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],

@@ -166,7 +166,7 @@ describe("the picture", () => {
 });
 
 /** Through the shell. */
-const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, board: null });
+const reading = (of: Parameters<typeof readingIn>[0]) => readingIn(of, { inAir: false, otherwise: null });
 
 describe("reading", () => {
   it("says which way to go: a larger Δv or e makes the spacing smaller", () => {
@@ -187,7 +187,7 @@ describe("reading", () => {
     expect([direction(0.001, 0.017), direction(0.03, 0.016)]).toEqual(["unsure", "unsure"]);
     // In air a job wants to be sure.
     const inAir = (differencePx: number, sigmaPx: number) =>
-      readingIn(measurement(19.725 + differencePx, sigmaPx), { inAir: true, board: null }).direction;
+      readingIn(measurement(19.725 + differencePx, sigmaPx), { inAir: true, otherwise: null }).direction;
     expect([inAir(0.0117, 0.0021), inAir(0.0117, 0.0022)]).toEqual(["there", "larger"]);
     expect(inAir(0.004, 0.007)).toBe("unsure");
     expect(direction(0.04, 0.017)).toBe("larger");

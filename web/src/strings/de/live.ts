@@ -101,6 +101,7 @@ export const meter: typeof en.meter = {
     doubted: "Im Zweifel",
     levels: "Mehrere Stufen im Bild",
     elsewhere: "Tafel nicht im Fokus",
+    unsaid: "Kugelschale montiert?",
   },
   sharp: {
     larger: "Scharf; Punktabstand etwas groß",
@@ -111,6 +112,7 @@ export const meter: typeof en.meter = {
     doubted: "Im Zweifel",
     levels: "Mehrere Stufen im Bild",
     elsewhere: "Tafel nicht im Fokus",
+    unsaid: "Kugelschale montiert?",
   },
   thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>
@@ -121,6 +123,8 @@ export const meter: typeof en.meter = {
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   elsewhereMore:
     "Die Tafel steht woanders, als die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
+  unsaidMore:
+    "Niemand hat gesagt, ob die Kugelschale montiert ist, und in Luft gilt ein anderer Sollwert als hinter ihr: auf der Seite Live bei den Achsen angeben",
   unsureMore: "Innerhalb 2 σ, aber für einen Auftrag zu unsicher",
   twoBoards: (larger, smaller, percent) =>
     `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,

@@ -104,6 +104,7 @@ export const meter = {
     doubted: "In doubt",
     levels: "Several levels in view",
     elsewhere: "Board not at focus",
+    unsaid: "Shell on or off?",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
   sharp: {
@@ -115,6 +116,7 @@ export const meter = {
     doubted: "In doubt",
     levels: "Several levels in view",
     elsewhere: "Board not at focus",
+    unsaid: "Shell on or off?",
   } satisfies Record<Direction, string>,
   thereMore: (px: string) => `Within ± ${px} px, as a job accepts it: no move is called for`,
   /** `unresolved`: why no frame could be measured in whole, where none could. */
@@ -126,6 +128,8 @@ export const meter = {
     "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   elsewhereMore:
     "The board stands elsewhere than where the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
+  unsaidMore:
+    "Nobody has said whether the shell is on, and the target in air is another than through it: say which beside the axes on the page Live",
   unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
     `The spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,

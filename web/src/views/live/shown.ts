@@ -23,6 +23,7 @@ export const ARROW = {
   doubted: "≠",
   levels: "≠",
   elsewhere: "≠",
+  unsaid: "?",
 } as const;
 /** What stands where a figure would. */
 export const NO_FIGURE = "–";
