@@ -203,7 +203,7 @@ export const iterations: typeof en.iterations = {
   chartDifference: "Punktabstand − Soll, px",
   chartBand: "Punktabstand − Soll, ± 2 σ",
   chartTarget: "Sollwert",
-  minutes: "Zeit seit der ersten, min",
+  since: { seconds: "Zeit seit der ersten, s", minutes: "Zeit seit der ersten, min" },
   spacing: "Punktabstand, px",
   spacingBand: "Punktabstand, ± 2 σ",
 };

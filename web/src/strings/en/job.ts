@@ -198,7 +198,7 @@ export const iterations = {
   chartDifference: "spacing less target, px",
   chartBand: "spacing less target, ± 2 σ",
   chartTarget: "target",
-  minutes: "time since the first, min",
+  since: { seconds: "time since the first, s", minutes: "time since the first, min" },
   spacing: "spacing, px",
   spacingBand: "spacing, ± 2 σ",
 };

@@ -1,5 +1,6 @@
 import { useMemo, useRef, useState } from "preact/hooks";
 import type uPlot from "uplot";
+import { broken } from "../../gaps";
 import { strings } from "../../strings";
 import { allOf, stretchOf, type Looked } from "../../stretch";
 import { whole, type Trail } from "../../trail";
@@ -13,6 +14,11 @@ import { useChartGestures } from "./chart-gestures";
 import { base, timeOfDay, type Shown } from "./time-axis";
 
 const HEIGHT = 190;
+
+/** What has not been read for longer is missing, s: whole measurements may be as far apart where no more are made. */
+const LEAST_GAP_S = 3;
+/** Of each stretch of the past two points are kept, which may be as far apart, in stretches. */
+const PAST_GAP = 2.5;
 
 function spacing(colours: Theme, shown: () => Shown): Options {
   const { x, ...more } = base(colours, shown);
@@ -115,22 +121,23 @@ export function Charts({ state, now }: Given) {
   // What is not looked at is not drawn.
   const seen = <Point,>(trail: Trail<Point>) => {
     const { at, points } = looked === "recent" ? trail : whole(trail);
-    return { at: at.map((time) => time - day), points };
+    const leastGapS = Math.max(LEAST_GAP_S, looked === "recent" ? 0 : PAST_GAP * trail.past.stepS);
+    return { at: at.map((time) => time - day), points, leastGapS };
   };
   const spacings = useMemo((): uPlot.AlignedData => {
-    const { at, points } = seen(state.spacings);
+    const { at, points, leastGapS } = seen(state.spacings);
     const spread = (sign: number) => points.map(({ spacingPx, sigmaPx }) => spacingPx + sign * 2 * sigmaPx);
-    return [
-      at,
+    const curves = [
       spread(-1),
       spread(1),
       points.map(({ targetPx }) => targetPx),
       points.map(({ spacingPx }) => spacingPx),
     ];
+    return broken(at, curves, leastGapS);
   }, [state.spacings, ...about]);
   const clarities = useMemo((): uPlot.AlignedData => {
-    const { at, points } = seen(state.clarities);
-    return [at, points];
+    const { at, points, leastGapS } = seen(state.clarities);
+    return broken(at, [points], leastGapS);
   }, [state.clarities, ...about]);
   const positions = useMemo((): uPlot.AlignedData => {
     const { at, points } = seen(state.axes);
