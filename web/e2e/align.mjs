@@ -140,6 +140,7 @@ try {
   await page.locator(".job .outcome.converged").waitFor({ timeout: 60_000 });
   assert.equal(answers(), prompts);
   assert.equal(await page.locator("header .problem").count(), 0);
+  await fullDisk(page, address);
 
   step("its steps are told, with what each took, and that one was done again");
   await page.locator(".steps-taken summary").click();
@@ -504,6 +505,20 @@ async function handOver(page) {
   assert.match(await other.title(), /^● The operator’s turn/);
   await other.locator(".give-key", { hasText: /^Only .* confirms this/ }).waitFor();
   assert.equal(await other.locator("#confirm").count(), 0, "a viewer without a key is offered to confirm");
+/** While the disk is full a prompt takes no answer, as the job would end at its next move, and says so. */
+async function fullDisk(page, address) {
+  const faults = async (data) => {
+    const answer = await page.request.put(new URL("/api/v1/simulation/faults", address).href, { data });
+    assert.equal(answer.status(), 200, await answer.text());
+  };
+  await faults({ disk: { full: true } });
+  await page.locator("#confirm[aria-disabled=true]").waitFor();
+  await page.locator(".turn .fault", { hasText: "when the history can be written again" }).waitFor();
+  await photograph(page, "disk-full");
+  await faults({});
+  await page.locator("#confirm:not([aria-disabled=true])").waitFor();
+}
+
   assert.equal(await other.locator("#confirm-link").count(), 0);
   await other.locator("#confirm-key").fill("guess");
   await other.locator(".give-key button").click();

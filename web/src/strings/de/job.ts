@@ -115,6 +115,7 @@ export const job: typeof en.job = {
   cancelNo: "Weiterlaufen lassen",
   itsTurn: "Läuft: für Sie nichts zu tun",
   confirm: "Erledigt",
+  notKept: "Bestätigen, sobald sich der Verlauf wieder schreiben lässt: Vorher fährt nichts.",
   noKey: (owner) =>
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",

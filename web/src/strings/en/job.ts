@@ -109,6 +109,7 @@ export const job = {
   cancelNo: "Let it go on",
   itsTurn: "At work: nothing for you to do",
   confirm: "Done",
+  notKept: "Confirm when the history can be written again: nothing is moved before.",
   noKey: (owner: string) =>
     `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,
   confirmKey: "Confirm key, or the link with it",

@@ -26,7 +26,8 @@ export function Turn(given: Given & { job: Job }) {
   const [sent, send] = useState<number | null>(null);
   const [leaving, leave] = useAsked<true>(job.state !== "cancelling" && able(state, "control"));
   const settled = useSettled(confirmable && step ? step.number : null);
-  const ready = settled && sent !== step?.number && able(state, "control");
+  const kept = !state.bench?.history_fault;
+  const ready = settled && sent !== step?.number && able(state, "control") && kept;
   const box = useRef<HTMLDivElement>(null);
   const done = useRef<HTMLButtonElement>(null);
   useEffect(() => keepFocus(box.current, done.current), [step?.number, confirmable, leaving]);
@@ -80,6 +81,7 @@ export function Turn(given: Given & { job: Job }) {
           }}
         />
       )}
+      {confirmable && !kept && <p class="fault">{strings.job.notKept}</p>}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
       {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
@@ -109,7 +111,7 @@ function headingOf({ number }: OperatorStep, confirmable: boolean): string {
 /** Enter answers a prompt, unless whoever is at the keyboard is at something else; what had the focus may be gone. */
 function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
   const focused = document.activeElement;
-  const idle = focused === null || focused === document.body || focused === box;
+  const idle = focused === null || focused.contains(box);
   if (idle) (done ?? box)?.focus({ preventScroll: true });
 }
 
