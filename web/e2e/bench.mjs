@@ -214,6 +214,7 @@ try {
   await accessible(ana.page);
   await photograph(ana.page, "clipped");
   await darken(ana.page, "clipped");
+  await exposure(ana.page).fill("rubbish");
   await ana.page.locator("#auto-exposure").click();
   await ana.page
     .locator(".auto-exposure [role=status]", { hasText: /at [78]\d % of white, 0\.[01]\d % are clipped/ })

@@ -45,6 +45,8 @@ export function CameraPanel(given: Given) {
   const [light, keep] = useLight(state);
   const [found, tell] = useState<AutoExposure | null>(null);
   const [searching, search] = useState(false);
+  // What is typed into a field is no more than that once another value was found for it.
+  const [searches, count] = useState(0);
   const why = barred(state);
   const controls = light?.controls ?? [];
   const settable = controls.some(({ locked }) => locked == null);
@@ -67,6 +69,7 @@ export function CameraPanel(given: Given) {
       if (done.ok) {
         keep(done.value);
         tell(done.value);
+        count(searches + 1);
       }
     }
     search(false);
@@ -79,7 +82,7 @@ export function CameraPanel(given: Given) {
         <Old {...given} />
       </h2>
       {controls.map((control) => (
-        <Control key={control.name} control={control} disabled={disabled} set={set} />
+        <Control key={`${control.name} ${searches}`} control={control} disabled={disabled} set={set} />
       ))}
       {light && controls.length === 0 && <p class="quiet">{strings.camera.none}</p>}
       {controls.length > 0 && (
