@@ -59,6 +59,12 @@ try {
   await page.locator("#reset").waitFor();
   await open(page, "Alignment");
   assert(await page.locator("#start").isDisabled());
+
+  step("what stands at the top of the page leaves a phone room to see it");
+  await page.setViewportSize({ width: 360, height: 640 });
+  const header = await page.locator("header").boundingBox();
+  assert(header.height <= 0.46 * 640, `the header takes ${header.height} of 640 px`);
+  await page.setViewportSize({ width: 1024, height: 900 });
   await resetStop(page, "the bench is clear");
 
   step("before it starts it says what it will ask for");
