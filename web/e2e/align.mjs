@@ -140,13 +140,13 @@ try {
   await page.locator(".turn .ask", { hasText: "Cancel the job?" }).waitFor();
   await page.getByRole("button", { name: "Let it go on" }).dblclick();
   await page.locator(".turn .ask").waitFor({ state: "detached" });
+  await fullDisk(page, address);
   const prompts = await answer(page, (confirm) => confirm.dblclick(), {
     meanwhile: (prompt) => (prompt === 2 ? whiteFrameAgain(page) : undefined),
   });
   await page.locator(".job .outcome.converged").waitFor({ timeout: 60_000 });
   assert.equal(answers(), prompts);
   assert.equal(await page.locator("header .problem").count(), 0);
-  await fullDisk(page, address);
 
   step("its steps are told, with what each took, and that one was done again");
   await page.locator(".steps-taken summary").click();
@@ -173,6 +173,7 @@ try {
   assert.equal(await page.locator(".job .outcome").textContent(), "Converged", ended);
   assert(rows >= 4, `only ${rows} iterations are shown`);
   await page.locator(".result").waitFor();
+  await page.locator(".job:focus").waitFor();
   assert.doesNotMatch(await page.locator("body").innerText(), /NaN|undefined|null\b|Infinity/);
   await page.locator(".meter .tag.good").waitFor({ timeout: 10_000 });
   // What the job has accepted, the meter does not send anybody away from.
@@ -229,8 +230,14 @@ try {
   await darken(page, "history");
   await printed(page, "history");
   await page.locator("table.jobs a").first().click();
-  await page.locator(".earlier").waitFor();
+  await page.locator("#start").waitFor();
+  assert.equal(await page.locator(".earlier").count(), 0, "the newest job is one of earlier on");
   assert.equal(await page.locator(".iterations tbody tr").count(), rows);
+  await open(page, "History");
+  await page.locator("table.jobs tbody tr").nth(1).locator("a").first().click();
+  await page.locator(".earlier").waitFor();
+  await page.locator(".iterations tbody tr").first().waitFor();
+  assert.equal(await page.locator("#start").count(), 0, "a job is started beside one of earlier on");
   await page.locator(".earlier a").click();
 
   step("a reload shows the same result, and the live picture again");
@@ -308,6 +315,16 @@ try {
   step("the meter by itself fills a phone and a wall");
   await meterAlone(page);
 
+  step("while nobody has said whether the shell is on, there is no target to be on");
+  const shell = page.locator(".shell");
+  await shell.getByRole("button", { name: "unknown", exact: true }).click();
+  const unsaid = page.locator(".meter[data-old=false][data-direction=unsaid]");
+  await unsaid.locator(".advice", { hasText: "Nobody has said whether the shell is on" }).waitFor();
+  assert.equal(await unsaid.locator(".tag.good").count(), 0, "in focus, by a target that may be another");
+  await photograph(page, "shell-unknown");
+  await shell.getByRole("button", { name: "on", exact: true }).click();
+  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
+
   step("two boards in view are said to be two, and order nothing");
   await twoBoards(page);
 
@@ -322,16 +339,6 @@ try {
 
   step(
     "an alignment runs to its end by single clicks, and says how long it takes by what the last ones took",
-  step("while nobody has said whether the shell is on, there is no target to be on");
-  const shell = page.locator(".shell");
-  await shell.getByRole("button", { name: "unknown", exact: true }).click();
-  const unsaid = page.locator(".meter[data-old=false][data-direction=unsaid]");
-  await unsaid.locator(".advice", { hasText: "Nobody has said whether the shell is on" }).waitFor();
-  assert.equal(await unsaid.locator(".tag.good").count(), 0, "in focus, by a target that may be another");
-  await photograph(page, "shell-unknown");
-  await shell.getByRole("button", { name: "on", exact: true }).click();
-  await page.locator(".meter[data-old=false][data-direction=there]").waitFor({ timeout: 20_000 });
-
   );
   await open(page, "Alignment");
   await page.locator("#start").click();
@@ -498,19 +505,6 @@ try {
   place.remove();
 }
 
-/** Has somebody else confirm the first prompt, by the link that the job's starter hands on. */
-async function handOver(page) {
-  step("somebody else sees the prompt, and cannot confirm it without the job's key");
-  const heading = await page.locator(".operator h3").textContent({ timeout: 60_000 });
-  const context = await browser.newContext({ viewport: { width: 1024, height: 900 } });
-  const other = await context.newPage();
-  const theirs = faults(other);
-  await other.goto(new URL("#/alignment", page.url()).href);
-  const theirTurn = heading.replace("Your turn", "The operator’s turn");
-  await other.locator(".operator h3", { hasText: theirTurn }).waitFor();
-  assert.match(await other.title(), /^● The operator’s turn/);
-  await other.locator(".give-key", { hasText: /^Only .* confirms this/ }).waitFor();
-  assert.equal(await other.locator("#confirm").count(), 0, "a viewer without a key is offered to confirm");
 /** While the disk is full a prompt takes no answer, as the job would end at its next move, and says so. */
 async function fullDisk(page, address) {
   const faults = async (data) => {
@@ -525,6 +519,19 @@ async function fullDisk(page, address) {
   await page.locator("#confirm:not([aria-disabled=true])").waitFor();
 }
 
+/** Has somebody else confirm the first prompt, by the link that the job's starter hands on. */
+async function handOver(page) {
+  step("somebody else sees the prompt, and cannot confirm it without the job's key");
+  const heading = await page.locator(".operator h3").textContent({ timeout: 60_000 });
+  const context = await browser.newContext({ viewport: { width: 1024, height: 900 } });
+  const other = await context.newPage();
+  const theirs = faults(other);
+  await other.goto(new URL("#/alignment", page.url()).href);
+  const theirTurn = heading.replace("Your turn", "The operator’s turn");
+  await other.locator(".operator h3", { hasText: theirTurn }).waitFor();
+  assert.match(await other.title(), /^● The operator’s turn/);
+  await other.locator(".give-key", { hasText: /^Only .* confirms this/ }).waitFor();
+  assert.equal(await other.locator("#confirm").count(), 0, "a viewer without a key is offered to confirm");
   assert.equal(await other.locator("#confirm-link").count(), 0);
   await other.locator("#confirm-key").fill("guess");
   await other.locator(".give-key button").click();

@@ -278,8 +278,10 @@ export const outcome: typeof en.outcome = {
   crossing: "Im Fokus zwischen zwei Stellungen, bei",
   slope: "Steigung",
   measured: "Gemessen",
-  measuredOf: (measured, of) => `${measured} von ${of} Positionen`,
-  measuredOfTimes: (measured, of) => `${measured} von ${of} Malen`,
+  measuredOf: (measured, of) =>
+    `${measured} von ${of} Positionen${measured < of ? ": Das Protokoll sagt, warum" : ""}`,
+  measuredOfTimes: (measured, of) =>
+    `${measured} von ${of} Malen${measured < of ? ": Das Protokoll sagt, warum" : ""}`,
   mean: "Mittelwert",
   scatter: "Streuung",
   between: "Zwischen",

@@ -23,7 +23,7 @@ export const steps: typeof en.steps = {
     done: "erledigt",
     now: "jetzt",
     next: "danach",
-    repeated: "unten wiederholt: zählt nicht mehr",
+    repeated: "unten erneut verlangt: zählt nicht mehr",
   },
   ended: { now: "nicht fertig", next: "nicht erreicht" },
   you: (text) => `Bediener ${text}`,

@@ -273,8 +273,10 @@ export const outcome = {
   crossing: "In focus between two positions, at",
   slope: "Slope",
   measured: "Measured",
-  measuredOf: (measured: number, of: number) => `${measured} of ${of} positions`,
-  measuredOfTimes: (measured: number, of: number) => `${measured} of ${of} times`,
+  measuredOf: (measured: number, of: number) =>
+    `${measured} of ${of} positions${measured < of ? ": the log says why" : ""}`,
+  measuredOfTimes: (measured: number, of: number) =>
+    `${measured} of ${of} times${measured < of ? ": the log says why" : ""}`,
   mean: "Mean",
   scatter: "Scatter",
   between: "Between",

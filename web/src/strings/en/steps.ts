@@ -23,7 +23,7 @@ export const steps = {
     done: "done",
     now: "now",
     next: "next",
-    repeated: "done again below: counts no more",
+    repeated: "asked for again below: counts no more",
   } satisfies Record<StepState, string>,
   /** Of a job that has ended. */
   ended: { now: "not finished", next: "not reached" },

@@ -1,5 +1,5 @@
 import { moment, sentence } from "../../format";
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
 import { called } from "../../names";
 import { addressOf } from "../../route";
@@ -26,11 +26,13 @@ import { WayOn } from "./way-on";
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(given: Given) {
   const { state } = given;
-  const asked = state.route.jobs[0];
+  const named = state.route.jobs[0];
   const { unit } = state.preferences;
-  const { job: earlier, gone } = useEarlier(given, asked);
   const interrupted = useInterrupted(given);
   const present = currentJob(state) ?? interrupted;
+  // The newest is none of earlier on, whoever names it.
+  const asked = named === present?.id ? undefined : named;
+  const { job: earlier, gone } = useEarlier(given, asked);
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
   const running = present !== null && !isFinal(present.state);
   return (
@@ -77,12 +79,24 @@ function useEarlier({ state, load }: Given, id: string | undefined): { job: Job 
   return { job: earlier?.id === id ? earlier : null, gone: gone === id };
 }
 
+/** The card of a job: whoever is at its buttons when it ends goes on from what it came to. */
+function useCard(over: boolean) {
+  const card = useRef<HTMLElement>(null);
+  // Once this is drawn, what had the focus is gone.
+  const atButtons = card.current?.querySelector(".turn")?.contains(document.activeElement) ?? false;
+  useLayoutEffect(() => {
+    if (over && atButtons) card.current?.focus({ preventScroll: true });
+  }, [over]);
+  return card;
+}
+
 function JobCard(given: Given & { job: Job; present: boolean }) {
   const { job, present } = given;
   const over = isFinal(job.state);
   const { unit } = given.state.preferences;
+  const card = useCard(over);
   return (
-    <section class="card job" aria-label={strings.job.title} data-state={job.state}>
+    <section ref={card} class="card job" tabIndex={-1} aria-label={strings.job.title} data-state={job.state}>
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
