@@ -45,7 +45,7 @@ test-schemathesis:
 package:
 	@$(if $(ARCH),ARCH=$(ARCH)) deploy/package.sh
 
-# Builds it (without the slow link; PROFILE=dist as `make package` does), checks it, and installs it in Debian systems of its own.
+# Builds it (of the program that tests run; PROFILE=dist as `make package` does), checks it, and installs it in Debian systems of its own.
 test-package:
 	@$(if $(ARCH),ARCH=$(ARCH)) tests/package/run.sh
 

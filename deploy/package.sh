@@ -3,7 +3,7 @@
 #
 #   deploy/package.sh                 for this machine's architecture
 #   ARCH=arm64 deploy/package.sh      for arm64, on an amd64 machine: see deploy/package-arm64.sh
-#   PROFILE=release ...               built with another profile of Cargo.toml than `dist`, as the packages' test does
+#   PROFILE=dev deploy/package.sh     built with another profile of Cargo.toml than `dist`, as the packages' test does
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
@@ -33,7 +33,8 @@ case "$arch" in
   "$own")
     echo "package: building plenalign (profile $profile)"
     cargo build --quiet --locked --profile "$profile" --bin plenalign
-    run=("target/$profile/plenalign")
+    # Cargo's own name for what `dev` builds.
+    run=("target/${profile/#dev/debug}/plenalign")
     pack() { "$cargo_deb/bin/cargo-deb" --no-build --locked --profile "$profile" "$@"; }
     ;;
   arm64)
