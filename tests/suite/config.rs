@@ -259,8 +259,14 @@ fn a_missing_or_broken_file_says_so() {
     let error = Config::load(Path::new("/nonexistent/plenalign.toml")).unwrap_err();
     assert!(matches!(error, ConfigError::Read { .. }) && error.to_string().contains("/nonexistent/plenalign.toml"));
     let error = Config::from_toml("[mla]\npitch_mm = = 2\n", "t").unwrap_err();
-    let ConfigError::Syntax { position, .. } = error else { panic!("{error}") };
+    let ConfigError::Syntax { position, .. } = &error else { panic!("{error}") };
     assert_eq!(position.line, 2);
+    // The parser takes this for a boolean: the line itself, and how one is written, say more.
+    for written in ["width_px = twelve", "width_px = 1,5", "wi\u{1}dth_px 5"] {
+        let said = Config::from_toml(&format!("[sensor]\n  {written}\n"), "t").unwrap_err().to_string();
+        assert!(said.contains(&format!("`{}`", written.replace('\u{1}', "\u{fffd}"))), "{said}");
+        assert!(said.ends_with("a text in quotes, a decimal with a point"), "{said}");
+    }
     let twice = Config::from_toml("[mla]\npitch_mm = 1\npitch_mm = 2\n", "t").unwrap_err();
     assert!(matches!(twice, ConfigError::Syntax { position: Position { line: 3, .. }, .. }), "{twice}");
 }

@@ -76,10 +76,10 @@ impl Config {
             violations.sort_by_key(|violation| violation.position);
             ConfigError::Invalid { origin: origin.to_owned(), violations }
         };
-        let document = DeTable::parse(text).map_err(|error| ConfigError::Syntax {
-            origin: origin.to_owned(),
-            position: Position::of(text, error.span().map_or(0, |span| span.start)),
-            message: one_line(error.message()),
+        let document = DeTable::parse(text).map_err(|error| {
+            let position = Position::of(text, error.span().map_or(0, |span| span.start));
+            let message = syntax_message(text, position, error.message());
+            ConfigError::Syntax { origin: origin.to_owned(), position, message }
         })?;
         let document = document.get_ref();
         let unknown = unknown_keys(text, document);
@@ -178,6 +178,21 @@ pub(super) fn type_message(error: &toml::de::Error) -> String {
         message = message.replace(rust, plain);
     }
     message
+}
+
+/// Most characters of a line that a message repeats.
+const LINE_SHOWN: usize = 80;
+
+/// What a line has that is not TOML, what the parser says of it, and how one is written: the parser knows what it expected at
+/// one place, and not what was meant.
+fn syntax_message(text: &str, position: Position, said: &str) -> String {
+    let line = text.lines().nth(position.line - 1).unwrap_or_default().trim();
+    let shown: String =
+        line.chars().take(LINE_SHOWN).map(|c| if c.is_control() { char::REPLACEMENT_CHARACTER } else { c }).collect();
+    format!(
+        "`{shown}`: {}; a line is `[section]` or `key = value`, a text in quotes, a decimal with a point",
+        one_line(said)
+    )
 }
 
 fn one_line(message: &str) -> String {
