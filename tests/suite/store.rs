@@ -426,6 +426,9 @@ async fn a_disk_made_read_only_is_said_and_mended_by_itself() {
     let store = Store::open(folder.path());
     let refused = store.write(|_| Ok(())).await.unwrap_err();
     assert!(matches!(refused, StoreError::Unusable(_)), "{refused}");
+    // SQLite by itself says that it cannot open the file, and not why.
+    let said = refused.to_string().to_lowercase();
+    assert!(said.contains(FILE_NAME) && said.contains("read-only file system"), "{said}");
     remount("rw");
     until_health(&store, "writable", |health| matches!(health, Health::Writable { .. })).await;
     store.write(|_| Ok(())).await.unwrap();

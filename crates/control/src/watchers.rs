@@ -71,11 +71,20 @@ impl Service {
     /// Keeps the history going: knows when it can be written and when not, and tells.
     async fn watch_history(&self) {
         let mut health = self.journal.store().health();
+        let mut said = None;
         loop {
-            match self.history_ready().await {
-                Ok(()) => drop(self.keep_stop().await),
-                Err(error) => tracing::warn!(%error, "nothing moves for now"),
+            let error = match self.history_ready().await {
+                Ok(()) => {
+                    self.keep_stop().await;
+                    None
+                }
+                Err(error) => Some(error.to_string()),
+            };
+            // It is tried every second, for as long as somebody takes to make room.
+            if let Some(error) = error.as_ref().filter(|error| said.as_ref() != Some(*error)) {
+                tracing::warn!(%error, "nothing moves for now");
             }
+            said = error;
             self.publish_bench();
             tokio::select! {
                 changed = health.changed() => if changed.is_err() { return },

@@ -258,7 +258,8 @@ fn open(place: &Place) -> Result<(Connection, Option<Identity>), StoreError> {
     let folder = path.parent().unwrap_or(path);
     make_folder(folder)
         .map_err(|error| StoreError::Unusable(format!("cannot make the state folder {}: {error}", folder.display())))?;
-    keep_private(path);
+    keep_private(path)
+        .map_err(|error| StoreError::Unusable(format!("cannot make the history's file {}: {error}", path.display())))?;
     let connection = open_file(path).map_err(|error| error.of(path))?;
     Ok((connection, Identity::of(path)))
 }
@@ -287,15 +288,18 @@ fn make_shrinkable(connection: &Connection, path: &Path) -> Result<(), StoreErro
 }
 
 /// Makes the file before SQLite does, which would leave its permissions to the umask; its companions get those of the
-/// file. What it or they have from before is mended.
-fn keep_private(path: &Path) {
-    // What keeps it from being made is told by SQLite.
-    let _ = OpenOptions::new().write(true).create_new(true).mode(OWNERS).open(path);
+/// file. What it or they have from before is mended. SQLite does not say what keeps a file from being made.
+fn keep_private(path: &Path) -> std::io::Result<()> {
+    match OpenOptions::new().write(true).create_new(true).mode(OWNERS).open(path) {
+        Err(error) if error.kind() != std::io::ErrorKind::AlreadyExists => return Err(error),
+        _ => {}
+    }
     for companion in ["", "-wal", "-shm"] {
         let mut name = path.as_os_str().to_owned();
         name.push(companion);
         restrict(Path::new(&name), OWNERS);
     }
+    Ok(())
 }
 
 fn open_file(path: &Path) -> Result<Connection, StoreError> {
