@@ -2,7 +2,7 @@
 
 use std::process::Command;
 
-use plenalign::config::{BoardsInAir, Config, ConfigOrigin, LBoundSource, Side};
+use plenalign::config::{BoardTexture, BoardsInAir, Config, ConfigOrigin, LBoundSource, Side};
 use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::control::plan::{PlanView, PlannedBoards};
 use plenalign::optics::{ArrayKind, MlaMode};
@@ -177,6 +177,28 @@ fn what_stands_in_the_way_is_named_with_what_it_would_have_to_be() {
     let mut enough = Config::default();
     enough.bench.focus.high_limit_mm = 2.7;
     assert!(plan(&enough).possible);
+}
+
+#[test]
+fn what_is_on_the_boards_tells_what_a_spacing_is_expected_to_be_good_to() {
+    let expected = |texture: BoardTexture, side_px: u32, noise_levels: f64| {
+        let mut config = Config::default();
+        config.boards.texture = texture;
+        (config.sensor.width_px, config.sensor.height_px) = (side_px, side_px);
+        config.bench.simulation.read_noise_levels = noise_levels;
+        plan(&config)
+    };
+    let [natural, charuco, print] =
+        [BoardTexture::Natural, BoardTexture::Charuco, BoardTexture::Print].map(|texture| expected(texture, 600, 8.0));
+    for (plan, named) in [(&natural, "natural texture"), (&charuco, "ChArUco"), (&print, "print")] {
+        assert!(plan.assumed.contains(&format!("boards with {named} (boards.texture)")), "{}", plan.assumed);
+    }
+    // ChArUco's edges are read through more noise; print's own bias is the most of what it is good to.
+    let [natural, charuco, print] = [natural, charuco, print].map(|plan| plan.spacing_sigma_px);
+    assert!(charuco < 0.6 * natural && natural < print, "{natural} {charuco} {print}");
+    let bright = [BoardTexture::Natural, BoardTexture::Print].map(|texture| expected(texture, 2000, 1.0));
+    assert!(bright[1].spacing_sigma_px > 2.5 * bright[0].spacing_sigma_px);
+    assert!(bright[1].e_sigma_mm > bright[0].e_sigma_mm && bright[1].delta_v_sigma_mm > bright[0].delta_v_sigma_mm);
 }
 
 /// A job that cannot come to its end is not begun: nothing is homed and nobody is asked.

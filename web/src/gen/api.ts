@@ -1644,7 +1644,8 @@ export interface components {
        *       "in_air": "auto",
        *       "level_step_mm": null,
        *       "side_mm": null,
-       *       "tank_mm": null
+       *       "tank_mm": null,
+       *       "texture": "natural"
        *     }
        */
       boards: components["schemas"]["Config.BoardsConfig"];
@@ -2156,6 +2157,8 @@ export interface components {
     };
     /** @description Whether the bench is real. */
     "Config.BenchDriver": "simulated" | "hardware";
+    /** @description What is on a board: how well a spacing can be measured by it. */
+    "Config.BoardTexture": "natural" | "charuco" | "print";
     /** @description `[boards]` */
     "Config.BoardsConfig": {
       /**
@@ -2194,6 +2197,11 @@ export interface components {
        * @default null
        */
       tank_mm: number | null;
+      /**
+       * @description What is on them, which the plan's expected uncertainties go by.
+       * @default natural
+       */
+      texture: components["schemas"]["Config.BoardTexture"];
     };
     /** @description Which boards stand before the lens in air. */
     "Config.BoardsInAir": "auto" | "triple_level" | "flat_in_turn";

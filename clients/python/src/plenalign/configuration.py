@@ -176,6 +176,17 @@ class BenchDriver(str, Enum):
     """Stages over serial and a camera over V4L2."""
 
 
+class BoardTexture(str, Enum):
+    """What is on a board: how well a spacing can be measured by it."""
+
+    NATURAL = "natural"
+    """Random, with the amplitude spectrum of natural scenes."""
+    CHARUCO = "charuco"
+    """A chessboard with marker-like squares."""
+    PRINT = "print"
+    """Black print on white."""
+
+
 class BoardsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """`[boards]`"""
 
@@ -195,6 +206,8 @@ class BoardsConfig(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """From the shell's outer vertex to the tank's far wall, mm; left out, the board in water has all the room it
     needs.
     """
+    texture: BoardTexture | UnsetType = UNSET
+    """What is on them, which the plan's expected uncertainties go by."""
 
 
 class BoardsInAir(str, Enum):

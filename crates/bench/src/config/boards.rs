@@ -15,12 +15,26 @@ pub enum BoardsInAir {
     FlatInTurn,
 }
 
+/// What is on a board: how well a spacing can be measured by it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, JsonSchema)]
+#[serde(rename_all = "snake_case")]
+pub enum BoardTexture {
+    /// Random, with the amplitude spectrum of natural scenes.
+    Natural,
+    /// A chessboard with marker-like squares.
+    Charuco,
+    /// Black print on white.
+    Print,
+}
+
 /// `[boards]`
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, JsonSchema)]
 #[serde(deny_unknown_fields, default)]
 pub struct BoardsConfig {
     /// Which boards stand before the lens in air.
     pub in_air: BoardsInAir,
+    /// What is on them, which the plan's expected uncertainties go by.
+    pub texture: BoardTexture,
     /// Distance between the levels of the triple-level board that there is, mm; left out, one is made as the plan wants
     /// it.
     pub level_step_mm: Option<f64>,
@@ -38,6 +52,7 @@ impl Default for BoardsConfig {
     fn default() -> Self {
         Self {
             in_air: BoardsInAir::Auto,
+            texture: BoardTexture::Natural,
             level_step_mm: None,
             greatest_depth_mm: 60.0,
             farthest_mm: 5000.0,

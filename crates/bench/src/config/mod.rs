@@ -35,7 +35,7 @@ use serde::{Deserialize, Serialize};
 pub use alpaca::AlpacaConfig;
 pub use assembly::{AssemblyConfig, E_SPACING_PX, LBoundSource, ShellStep, SpacingTarget, Tolerances};
 pub use bench::{AxisConfig, BenchConfig, BenchDriver, ControllerConfig, ControllerDriver, Side};
-pub use boards::{BoardsConfig, BoardsInAir};
+pub use boards::{BoardTexture, BoardsConfig, BoardsInAir};
 pub use camera::{MainLensConfig, MlaConfig, ObjectConfig, SensorConfig, ShellConfig, WaterConfig};
 pub use capture::{CameraConfig, CameraDriver, ControlValue, GenicamName, TimestampMeans};
 pub use edit::{Change, EditError, Forbidden, LOCKED};

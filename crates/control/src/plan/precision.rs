@@ -1,13 +1,35 @@
 //! What a plan expects its measurements to be good to.
 
 use super::Plan;
-use bench::config::{BenchDriver, Config};
+use bench::config::{BenchDriver, BoardTexture, Config};
 
-/// What the estimator's own model is good to, px.
-const MODEL_SIGMA_PX: f64 = 0.002;
-/// Standard uncertainty of a spacing, px, by a grey level of noise in a single pixel of a well textured board: the frame's
-/// pixels share it.
-const SIGMA_PX_PER_LEVEL: f64 = 0.35;
+/// What a spacing is good to over a texture.
+struct OverTexture {
+    /// What the estimator's own model is good to, px.
+    model_px: f64,
+    /// Standard uncertainty, px, by a grey level of noise in a single pixel: the frame's pixels share it.
+    px_per_level: f64,
+}
+
+/// As measured in frames of either renderer with a noise of 2 grey levels; of print the estimator's bias is the most.
+const fn over(texture: BoardTexture) -> OverTexture {
+    let (model_px, px_per_level) = match texture {
+        BoardTexture::Natural => (0.002, 0.4),
+        BoardTexture::Charuco => (0.002, 0.17),
+        BoardTexture::Print => (0.006, 0.25),
+    };
+    OverTexture { model_px, px_per_level }
+}
+
+/// A texture in words.
+const fn name(texture: BoardTexture) -> &'static str {
+    match texture {
+        BoardTexture::Natural => "natural texture",
+        BoardTexture::Charuco => "ChArUco",
+        BoardTexture::Print => "print",
+    }
+}
+
 /// Noise assumed where none is configured, grey levels of 255.
 const NOISE_LEVELS: f64 = 2.0;
 
@@ -16,6 +38,8 @@ const NOISE_LEVELS: f64 = 2.0;
 pub(super) struct Precision {
     /// Noise of a pixel that is assumed, grey levels of 255.
     pub(super) noise_levels: f64,
+    /// What is on the boards, in words.
+    pub(super) texture: &'static str,
     /// Of a measured spacing, px.
     pub(super) spacing_px: f64,
     /// Of Δv by one board at the solution, mm.
@@ -35,7 +59,8 @@ fn noise_levels(config: &Config) -> f64 {
 /// Standard uncertainty to be expected of a spacing, px.
 pub(super) fn spacing_sigma_px(config: &Config) -> f64 {
     let pixels = f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px);
-    MODEL_SIGMA_PX.hypot(SIGMA_PX_PER_LEVEL * noise_levels(config) / pixels.sqrt())
+    let OverTexture { model_px, px_per_level } = over(config.boards.texture);
+    model_px.hypot(px_per_level * noise_levels(config) / pixels.sqrt())
 }
 
 impl Precision {
@@ -50,6 +75,7 @@ impl Precision {
         let (picture_mm, axis_mm) = (spacing_px / by_e, plan.e.unknown_mm(plan.solution.e));
         Self {
             noise_levels: noise_levels(config),
+            texture: name(config.boards.texture),
             spacing_px,
             delta_v_mm: spacing_px / by_delta_v,
             e_mm: picture_mm * axis_mm / picture_mm.hypot(axis_mm),

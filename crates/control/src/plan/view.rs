@@ -236,8 +236,9 @@ impl Plan {
             e_sigma_mm: precision.e_mm,
             by_budget: ExpectedBudget::of(config, self, &precision),
             assumed: format!(
-                "noise of {:.1} grey levels of 255, a texture as rich as the printed boards', {:.0} micro-images",
+                "noise of {:.1} grey levels of 255, boards with {} (boards.texture), {:.0} micro-images",
                 precision.noise_levels,
+                precision.texture,
                 f64::from(config.sensor.width_px) * f64::from(config.sensor.height_px) / (pitch_px * pitch_px)
             ),
             operator_steps: self.operator_steps(JobKind::JointAlignment, config),
