@@ -211,6 +211,7 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
         Err(
             SpacingError::NoMatch { .. }
             | SpacingError::BeyondRange { .. }
+            | SpacingError::OtherMode { .. }
             | SpacingError::Unsettled { .. }
             | SpacingError::NoTexture { .. },
         ) if options.start_px.is_some() => {
@@ -366,6 +367,9 @@ fn fit<'a>(
     let window_px = solver.radii.first().copied().unwrap_or_default();
     let free: Vec<Corrected> =
         model.spacings.iter().filter_map(|&l| Some(frames.first()?.pupil.corrected(l, window_px))).collect();
+    for region in &free {
+        check_range(options, region.spacing)?;
+    }
     let slope_of = |unknown: usize| free[if unknown < free.len() { unknown } else { 0 }].slope;
     let [tilt_x, tilt_y, curvature, ..] = model.terms.map(|term| slope_of(0) * term);
     let mut covariance = normal.scatter(&model, &inverse, &normal.step(&inverse));
@@ -461,11 +465,30 @@ fn not_found(frames: &[SpacingFrame], options: &SpacingOptions, found: &Found) -
     no_match(options, best.unwrap_or(Candidate { spacing: f64::NAN, correlation: 0.0 }))
 }
 
-/// That the spacing is beyond an end (px) of a range that was searched.
-fn beyond(options: &SpacingOptions, end_px: f64, above: bool) -> SpacingError {
+/// That the spacing is beyond an end of a range that was searched: of the mode's, or the one nearer to what was found (px).
+fn beyond(options: &SpacingOptions, found_px: f64, above: bool) -> SpacingError {
     let mla_pitch_px = options.mla_pitch_px;
-    let [low, high] = if end_px < mla_pitch_px { GALILEAN_RANGE } else { KEPLERIAN_RANGE };
-    SpacingError::BeyondRange { from_px: low * mla_pitch_px, to_px: high * mla_pitch_px, above, mla_pitch_px }
+    let nearer = if found_px < mla_pitch_px { MlaMode::Galilean } else { MlaMode::Keplerian };
+    let [from_px, to_px] = capture_range(options.mode.unwrap_or(nearer)).map(|end| end * mla_pitch_px);
+    SpacingError::BeyondRange { from_px, to_px, above, mla_pitch_px }
+}
+
+/// Refuses a spacing (px) that is none of those searched. A fit may lead there from within: far out of focus it is what chance
+/// or the array itself has repeat, or a board's that is too blurred for a number.
+pub(in crate::imaging) fn check_range(options: &SpacingOptions, spacing_px: f64) -> Result<(), SpacingError> {
+    let mla_pitch_px = options.mla_pitch_px;
+    let of_pitch = spacing_px / mla_pitch_px;
+    let ranges = search::ranges(options.mode);
+    if ranges.iter().any(|[low, high]| (*low..=*high).contains(&of_pitch)) {
+        return Ok(());
+    }
+    Err(match options.mode {
+        Some(mode) if (mode == MlaMode::Galilean) != (of_pitch < 1.0) => {
+            SpacingError::OtherMode { spacing_px, mla_pitch_px, mode }
+        }
+        // Between two modes' ranges it is above the nearer's if that is the lower one.
+        _ => beyond(options, spacing_px, of_pitch > KEPLERIAN_RANGE[1] || (GALILEAN_RANGE[1]..1.0).contains(&of_pitch)),
+    })
 }
 
 /// That the best that there is does not do.

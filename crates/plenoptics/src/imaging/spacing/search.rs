@@ -56,12 +56,14 @@ pub const fn capture_range(mode: MlaMode) -> [f64; 2] {
     }
 }
 
+/// The ranges that are searched, in MLA pitches.
+pub(super) fn ranges(mode: Option<MlaMode>) -> Vec<[f64; 2]> {
+    mode.map_or_else(|| vec![GALILEAN_RANGE, KEPLERIAN_RANGE], |mode| vec![capture_range(mode)])
+}
+
 /// The spacings to be tried for an MLA pitch (px), by rising spacing.
 pub(super) fn trial_spacings(mla_pitch: f64, mode: Option<MlaMode>) -> Vec<Vec<f64>> {
-    let ranges = match mode {
-        Some(mode) => vec![capture_range(mode)],
-        None => vec![GALILEAN_RANGE, KEPLERIAN_RANGE],
-    };
+    let ranges = ranges(mode);
     // Half a pixel finds the sharpest texture; large micro-images have none that sharp.
     let step = (mla_pitch / 60.0).max(0.5);
     ranges
