@@ -62,6 +62,7 @@ mod motion;
 mod no_frame;
 mod older_history;
 mod optics;
+mod other_setting;
 mod page;
 mod plan;
 mod port_spelling;

@@ -119,6 +119,19 @@ async fn a_sweep_far_out_of_focus_or_through_the_shell_is_not_taken_for_a_fault(
     }
 }
 
+/// Where the image has passed the array, what a white frame from the middle of the travel leaves is no spacing.
+#[tokio::test(start_paused = true)]
+async fn a_sweep_in_air_reads_nothing_beyond_the_range_of_focus() {
+    let service = homed(4).await;
+    let swept = run(&service, sweep(AxisName::Focus, -1.9, 4.9, 18)).await;
+    assert_eq!(swept.state, JobState::Succeeded, "{:?}\n{:#?}", swept.reason, swept.log);
+    // On one side of the array the spacing falls on and on.
+    let seen: Vec<_> = swept.iterations.iter().map(|seen| (seen.focus_mm.unwrap(), seen.spacing.spacing_px)).collect();
+    println!("{seen:.3?}");
+    assert!((8..18).contains(&seen.len()) && seen.is_sorted_by(|a, b| a.1 > b.1), "{seen:?}");
+    assert!(seen.iter().all(|(focus_mm, _)| *focus_mm < 3.0), "{seen:?}");
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_stalled_e_axis_is_named_through_the_shell() {
     let service = homed_with_the_shell(4).await;

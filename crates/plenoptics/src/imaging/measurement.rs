@@ -224,7 +224,8 @@ impl Setting {
             refine_grid(even, &white.grid, Some(&white.vignetting))?
         };
         let fit = white.vignetting.fit(even, &grid)?;
-        Ok(Self { light: Arc::new(white.vignetting.over(&grid)), grid, fit: Some(fit) })
+        let light = Arc::new(white.vignetting.fitting(&fit, even, &grid)?.over(&grid));
+        Ok(Self { light, grid, fit: Some(fit) })
     }
 
     /// From frames of one pose themselves: from their mean, in which texture that differs between them averages out.

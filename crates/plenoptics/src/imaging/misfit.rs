@@ -3,13 +3,15 @@
 use super::spacing::SpacingError;
 use super::vignetting::ProfileFit;
 
-/// The white frame does not fit a frame, and no spacing is found with it: what failed may well be its fault.
+/// The white frame does not fit a frame, and no spacing is found by the frame's own profile: with one that fits there may be.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("the white frame does not fit: {fit}; take one with this aperture, at this setting (with it: {failed})")]
+#[error(
+    "the white frame does not fit: {fit}; take one with this aperture, at this setting (by the frame's own profile: {failed})"
+)]
 pub struct WhiteMisfit {
     /// How well its profile fits.
     pub fit: ProfileFit,
-    /// What failed with it, in words.
+    /// What failed without it, in words.
     pub failed: String,
 }
 

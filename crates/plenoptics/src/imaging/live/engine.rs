@@ -17,7 +17,7 @@ use crate::imaging::matching::random::{Random, Setting};
 use crate::imaging::matching::run::{Clusters, Pass, Pool, run};
 use crate::imaging::matching::samples::{Frame, Sample};
 use crate::imaging::matching::shape::Shape;
-use crate::imaging::spacing::{SpacingError, unevenness, whole_variance};
+use crate::imaging::spacing::{SpacingError, check_range, unevenness, whole_variance};
 use crate::imaging::vignetting::Vignetting;
 
 /// Micro-images that light and noise are told from.
@@ -110,12 +110,9 @@ impl Work {
 
 impl Engine {
     pub(super) fn new(grid: &Grid, profile: &Vignetting, options: &LiveOptions) -> Result<Self, SpacingError> {
-        let pitch = grid.pitch_px();
-        let radius = MASK_FRACTION * pitch / 2.0;
-        let gains = Gains::new(profile, grid, radius);
+        let radius = MASK_FRACTION * grid.pitch_px() / 2.0;
         let work = Work::new(grid, &Motion::NONE, radius, options)?;
-        let plan = &work.plan;
-        let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
+        let (gains, pupil) = drawn(profile, grid, &work.plan, radius);
         Ok(Self {
             follower: Follower::new(grid, profile),
             planned: Motion::NONE,
@@ -123,9 +120,9 @@ impl Engine {
             pool: Pool::default(),
             normals: [Normal::default(), Normal::default()],
             options: *options,
-            free: free_terms(plan, options),
+            free: free_terms(&work.plan, options),
             radius,
-            pupil: Pupil::new(&centres, pitch, |centre, pixel| gains.share(centre, pixel)),
+            pupil,
             state: options.start_px.map(|start| State::new(start, options.field_held.unwrap_or_default())),
             gains,
             work,
@@ -136,6 +133,11 @@ impl Engine {
     pub(super) fn start_from(&mut self, found: &Grid) -> Result<(), SpacingError> {
         self.follower.start_from(found);
         self.keep_up()
+    }
+
+    /// Divides this profile out of frames from now on.
+    pub(super) fn divide_out(&mut self, profile: &Vignetting) {
+        (self.gains, self.pupil) = drawn(profile, &self.follower.grid(), &self.work.plan, self.radius);
     }
 
     /// The grid where it is now.
@@ -299,6 +301,7 @@ impl Engine {
             let scatter = normal.scatter(&before, &inverse, &step);
             let window_px = f64::from(shape.edge) - 0.5;
             let free = self.pupil.corrected(model.spacings[0], window_px);
+            check_range(&self.options.of_spacing(), free.spacing)?;
             let mut covariance = before.usual(&scatter).map(|row| row.map(|value| value * free.slope * free.slope));
             let sigma_random_px = sigma_random_px * free.slope;
             let least = if normal.spare(before.unknowns()) < LEAST_SPARE { sigma_random_px } else { 0.0 };
@@ -347,6 +350,15 @@ impl Engine {
         }
         LiveError::Lost { from_px, correlation: contents.correlation() }
     }
+}
+
+/// A profile drawn for the micro-images of a plan on a grid, within masks of so large a radius (px); and through how much of
+/// their microlens pixels see by it.
+fn drawn(profile: &Vignetting, grid: &Grid, plan: &Plan, radius: f64) -> (Gains, Pupil) {
+    let gains = Gains::new(profile, grid, radius);
+    let centres: Vec<[f64; 2]> = (0..plan.lenses.len() as u32).map(|lens| plan.centre(lens)).collect();
+    let pupil = Pupil::new(&centres, grid.pitch_px(), |centre, pixel| gains.share(centre, pixel));
+    (gains, pupil)
 }
 
 /// Which terms are unknowns. Directions of a plan are told apart by the cosine's term, three directions also by the sine's:

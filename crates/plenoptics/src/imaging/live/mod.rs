@@ -72,6 +72,11 @@ impl LiveOptions {
             micro_images_most: 10_000,
         }
     }
+
+    /// The same for a frame that is looked at as if nothing were known of it.
+    const fn of_spacing(&self) -> SpacingOptions {
+        SpacingOptions { mode: self.mode, field_held: self.field_held, ..SpacingOptions::new(self.mla_pitch_px) }
+    }
 }
 
 /// Why a frame gave no spacing.
@@ -312,13 +317,17 @@ impl LiveMeter {
     ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
         let mosaic = self.options.mosaic;
-        let grid = refine_grid(&evened(raw, mosaic), &self.grid, Some(&self.vignetting))?;
+        let even = &*evened(raw, mosaic);
+        let grid = refine_grid(even, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
-        let shares = self.vignetting.render(&grid);
-        let frame = SpacingFrame::new(raw, mosaic, &shares, &grid)?;
-        let LiveOptions { mla_pitch_px, mode, field_held, .. } = self.options;
-        let options = SpacingOptions { mode, field_held, ..SpacingOptions::new(mla_pitch_px) };
-        let found = find_spacing(&[frame], &options).map_err(|failed| self.with_white(failed, raw, &grid))?;
+        // A frame of which no profile can be had has none that is better.
+        let fit = self.vignetting.fit(even, &grid).ok();
+        let own = fit.and_then(|fit| self.vignetting.fitting(&fit, even, &grid).ok());
+        let profile = own.as_deref().unwrap_or(&self.vignetting);
+        self.engine.divide_out(profile);
+        let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
+        let with_white = |failed| WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from);
+        let found = find_spacing(&[frame], &self.options.of_spacing()).map_err(with_white)?;
         self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
@@ -334,12 +343,6 @@ impl LiveMeter {
     pub fn start_from(&mut self, spacing: &Spacing) {
         let field = [spacing.tilt_x_px, spacing.tilt_y_px, spacing.curvature_px];
         self.engine.state = Some(State::new(spacing.on_axis_px, field));
-    }
-
-    /// What a failure comes to: where the white frame does not fit, it may well be its fault.
-    fn with_white(&self, failed: SpacingError, raw: &RawImage, grid: &Grid) -> LiveError {
-        let fit = self.vignetting.fit(&evened(raw, self.options.mosaic), grid).ok();
-        WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from)
     }
 
     fn check_size(&self, raw: &RawImage) -> Result<(), SpacingError> {

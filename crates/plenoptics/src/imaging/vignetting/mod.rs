@@ -12,6 +12,8 @@ mod drawn;
 mod field;
 mod place;
 
+use std::borrow::Cow;
+
 use rayon::prelude::*;
 
 use super::grid::{Grid, reciprocal};
@@ -261,6 +263,21 @@ impl Vignetting {
         };
         let [whole, even] = [fit(0), fit(1)];
         Ok(if even.excess() > whole.excess() { even } else { whole })
+    }
+
+    /// What to divide out of a frame with this grid: the profile itself where it fits the frame so, or else the frame's own. What
+    /// the profile of another setting leaves is alike in all micro-images and matches as they lie: it pulls the spacing towards
+    /// their pitch, the more the less texture there is beside it.
+    ///
+    /// # Errors
+    /// As [`Vignetting::from_white`].
+    pub(super) fn fitting(
+        &self,
+        fit: &ProfileFit,
+        frame: &RawImage,
+        grid: &Grid,
+    ) -> Result<Cow<'_, Self>, VignettingError> {
+        if fit.fits() { Ok(Cow::Borrowed(self)) } else { Self::from_textured(frame, grid).map(Cow::Owned) }
     }
 
     /// Root mean square differences of two profiles over the cell, after the best common factor: of all there is, and of
