@@ -133,3 +133,23 @@ fn one_board_through_the_shell_is_one() {
         }
     }
 }
+
+/// While Δv changes frame by frame, with the spacing followed: as whole measurements of the frames have it.
+#[test]
+fn the_meter_reads_as_a_whole_measurement_does_all_along_the_travel() {
+    let camera = Camera::new(None, 2, 400);
+    let white = camera.white(1.2);
+    let options = LiveOptions { mode: Some(MlaMode::Galilean), ..LiveOptions::new(0.1 / PIXEL_MM) };
+    let mut meter = LiveMeter::new(&white.grid, &white.vignetting, options).unwrap();
+    meter.acquire(&camera.board(1.2).0).unwrap();
+    for step in 1..=14 {
+        let delta_v = 1.2 + 0.1 * f64::from(step);
+        let (raw, truly) = camera.board(delta_v);
+        let live = meter.measure(&raw).unwrap();
+        let whole = camera.measured(&raw, &white).unwrap();
+        let apart = live.on_axis_px - whole.on_axis_px;
+        println!("{truly:.3} px: {apart:+.4} px from {:.4} ± {:.4} px", whole.on_axis_px, whole.sigma_px);
+        assert!(apart.abs() < 3.0 * whole.sigma_px, "{truly:.3} px: {live:?}, in whole {whole:?}");
+        assert!((live.on_axis_px - truly).abs() < 4.0 * live.sigma_px, "{truly:.3} px: {live:?}");
+    }
+}

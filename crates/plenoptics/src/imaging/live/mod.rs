@@ -22,6 +22,8 @@ mod follow;
 mod lattice;
 mod places;
 
+use std::borrow::Cow;
+
 use serde::Serialize;
 
 use self::engine::{Engine, State};
@@ -33,9 +35,13 @@ use super::measurement::evened;
 use super::misfit::WhiteMisfit;
 use super::mosaic::green;
 use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, find_spacing};
-use super::vignetting::Vignetting;
+use super::vignetting::{ProfileFit, Vignetting};
 use crate::optics::MlaMode;
 use crate::raw::{CfaPattern, RawImage, Samples};
+
+/// Share of their size by which micro-images may change before what is divided out of frames is chosen anew. In small frames
+/// noise alone may be more: then it is chosen for nothing.
+const GROWTH: f64 = 0.01;
 
 /// What the caller knows and wants.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -244,6 +250,8 @@ pub struct LiveMeter {
     vignetting: Vignetting,
     options: LiveOptions,
     engine: Engine,
+    /// Pitch of the micro-images (px) where it was chosen what is divided out of frames.
+    chosen_at_px: f64,
 }
 
 impl LiveMeter {
@@ -260,7 +268,8 @@ impl LiveMeter {
             }
         }
         let engine = Engine::new(grid, vignetting, &options)?;
-        Ok(Self { grid: grid.clone(), vignetting: vignetting.clone(), options, engine })
+        let chosen_at_px = grid.pitch_px();
+        Ok(Self { grid: grid.clone(), vignetting: vignetting.clone(), options, engine, chosen_at_px })
     }
 
     /// Measures a frame, starting from the last one's spacing.
@@ -282,6 +291,10 @@ impl LiveMeter {
         ended: &mut dyn FnMut(LivePart),
     ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
+        let grid = self.engine.grid();
+        if self.outgrown(&grid) {
+            self.choose_profile(&evened(raw, self.options.mosaic), &grid);
+        }
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
         let (white, mosaic) = (raw.white_level(), self.options.mosaic);
         if let Some(pattern) = mosaic {
@@ -320,17 +333,31 @@ impl LiveMeter {
         let even = &*evened(raw, mosaic);
         let grid = refine_grid(even, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
-        // A frame of which no profile can be had has none that is better.
-        let fit = self.vignetting.fit(even, &grid).ok();
-        let own = fit.and_then(|fit| self.vignetting.fitting(&fit, even, &grid).ok());
-        let profile = own.as_deref().unwrap_or(&self.vignetting);
-        self.engine.divide_out(profile);
+        let (fit, profile) = self.choose_profile(even, &grid);
         let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
         let with_white = |failed| WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from);
         let found = find_spacing(&[frame], &self.options.of_spacing()).map_err(with_white)?;
         self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
+    }
+
+    /// Whether micro-images have grown or shrunk since what is divided out of frames was chosen. They are as large as the
+    /// aperture seen from its distance d, and their pitch exceeds the array's by b/d.
+    fn outgrown(&self, grid: &Grid) -> bool {
+        let pitch_px = grid.pitch_px();
+        (pitch_px - self.chosen_at_px).abs() > GROWTH * (pitch_px - self.options.mla_pitch_px).abs()
+    }
+
+    /// Chooses for a frame with this grid what is divided out of it and those that follow: the white frame's profile where it
+    /// fits, or else the frame's own where it has one. How the white frame's fits, and what was chosen.
+    fn choose_profile(&mut self, even: &RawImage, grid: &Grid) -> (Option<ProfileFit>, Vignetting) {
+        let fit = self.vignetting.fit(even, grid).ok();
+        let fitting = fit.and_then(|fit| self.vignetting.fitting(&fit, even, grid).ok());
+        let profile = fitting.map_or_else(|| self.vignetting.clone(), Cow::into_owned);
+        self.engine.divide_out(&profile);
+        self.chosen_at_px = grid.pitch_px();
+        (fit, profile)
     }
 
     /// The grid where the newest frame has it. Its micro-images have the indices of the grid that the meter was given.
