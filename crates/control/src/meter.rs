@@ -122,7 +122,14 @@ impl Followed {
         let read = match self.search_from {
             Some(from) if from > began => return Err(NoReading::Lost(SEARCHING.to_owned())),
             Some(_) => self.meter.acquire_by_parts(&frame.image, &mut |part| laps.ended(part)),
-            None => self.meter.measure_by_parts(&frame.image, &mut |part| laps.ended(part)),
+            None => {
+                // While an axis moves, frames come faster than that.
+                let kept = if frame.is_settled() { self.meter.keep_profile(&frame.image) } else { Ok(()) };
+                match kept {
+                    Ok(()) => self.meter.measure_by_parts(&frame.image, &mut |part| laps.ended(part)),
+                    Err(error) => Err(error.into()),
+                }
+            }
         };
         let (read, took) = (read.map_err(NoReading::from), began.elapsed());
         telemetry::read(searched, outcome(&read), took);

@@ -291,10 +291,6 @@ impl LiveMeter {
         ended: &mut dyn FnMut(LivePart),
     ) -> Result<LiveSpacing, LiveError> {
         self.check_size(raw)?;
-        let grid = self.engine.grid();
-        if self.outgrown(&grid) {
-            self.choose_profile(&evened(raw, self.options.mosaic), &grid);
-        }
         let (width, height, bits) = (raw.width(), raw.height(), raw.bits());
         let (white, mosaic) = (raw.white_level(), self.options.mosaic);
         if let Some(pattern) = mosaic {
@@ -340,6 +336,20 @@ impl LiveMeter {
         self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
+    }
+
+    /// Chooses anew what is divided out of frames, where micro-images have grown or shrunk by too much since that was chosen. It
+    /// takes as long as many readings do: for a frame at rest, before it is measured.
+    ///
+    /// # Errors
+    /// [`SpacingError::WrongSize`].
+    pub fn keep_profile(&mut self, raw: &RawImage) -> Result<(), SpacingError> {
+        self.check_size(raw)?;
+        let grid = self.engine.grid();
+        if self.outgrown(&grid) {
+            self.choose_profile(&evened(raw, self.options.mosaic), &grid);
+        }
+        Ok(())
     }
 
     /// Whether micro-images have grown or shrunk since what is divided out of frames was chosen. They are as large as the
