@@ -6,7 +6,7 @@ import { allOf, stretchOf, type Looked } from "../../stretch";
 import { whole, type Trail } from "../../trail";
 import { inUnit, type LengthUnit } from "../../units";
 import { LineKey } from "../line-key";
-import { Plot, scaleAxis, type Options, type Theme } from "../plot";
+import { bandEdge, Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Given } from "../given";
 import { Explained } from "../term";
 import { Toggle } from "../toggle";
@@ -27,8 +27,8 @@ function spacing(colours: Theme, shown: () => Shown): Options {
     axes: [x, scaleAxis(colours, strings.charts.spacing)],
     series: [
       {},
-      { stroke: "transparent", points: { show: false } },
-      { stroke: "transparent", points: { show: false } },
+      bandEdge,
+      bandEdge,
       { label: strings.charts.target, stroke: colours.good, width: 2, dash: [6, 4], points: { show: false } },
       {
         label: strings.charts.spacing,
