@@ -124,11 +124,10 @@ impl Followed {
             Some(_) => self.meter.acquire_by_parts(&frame.image, &mut |part| laps.ended(part)),
             None => {
                 // While an axis moves, frames come faster than that.
-                let kept = if frame.is_settled() { self.meter.keep_profile(&frame.image) } else { Ok(()) };
-                match kept {
-                    Ok(()) => self.meter.measure_by_parts(&frame.image, &mut |part| laps.ended(part)),
-                    Err(error) => Err(error.into()),
+                if frame.is_settled() {
+                    self.meter.keep_profile(&frame.image);
                 }
+                self.meter.measure_by_parts(&frame.image, &mut |part| laps.ended(part))
             }
         };
         let (read, took) = (read.map_err(NoReading::from), began.elapsed());

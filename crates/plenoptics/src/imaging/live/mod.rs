@@ -339,17 +339,12 @@ impl LiveMeter {
     }
 
     /// Chooses anew what is divided out of frames, where micro-images have grown or shrunk by too much since that was chosen. It
-    /// takes as long as many readings do: for a frame at rest, before it is measured.
-    ///
-    /// # Errors
-    /// [`SpacingError::WrongSize`].
-    pub fn keep_profile(&mut self, raw: &RawImage) -> Result<(), SpacingError> {
-        self.check_size(raw)?;
+    /// takes as long as many readings do: for a frame at rest, before it is measured. A frame of another size is left to that.
+    pub fn keep_profile(&mut self, raw: &RawImage) {
         let grid = self.engine.grid();
-        if self.outgrown(&grid) {
+        if self.check_size(raw).is_ok() && self.outgrown(&grid) {
             self.choose_profile(&evened(raw, self.options.mosaic), &grid);
         }
-        Ok(())
     }
 
     /// Whether micro-images have grown or shrunk since what is divided out of frames was chosen. They are as large as the
