@@ -30,6 +30,7 @@ export interface Reading {
   twoBoards: TwoBoards | null;
   /** Where it is in doubt, why no frame could be measured in whole to end that; else empty. */
   unresolved: string;
+  /** Within the blur limit. */
   inFocus: boolean;
   /** When the picture that it is of began, the daemon's clock, ms; −∞ where it is that of the one before. */
   pictureAt: number;
@@ -142,6 +143,11 @@ function told(measurement: Measurement | null, doubted: boolean, { otherwise }: 
  *  ordered. */
 export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
   return !["two_boards", "doubted", "levels", "elsewhere", "unsaid"].includes(direction);
+}
+
+/** Whether a reading is called in focus: within the blur limit, and where nothing is to be moved. */
+export function isCalledInFocus({ direction, inFocus }: Pick<Reading, "direction" | "inFocus">): boolean {
+  return inFocus && direction === "there";
 }
 
 /** A reading that is of no one board; null where it is, or there is none. */

@@ -3,7 +3,7 @@ import { advice } from "../src/advice";
 import { correction, octant, tilt } from "../src/correction";
 import { hindrance } from "../src/hindrance";
 import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
-import { best, reading as readingIn } from "../src/reading";
+import { best, isCalledInFocus, reading as readingIn } from "../src/reading";
 import { initial, receive, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
 import { strings as de } from "../src/strings/de";
@@ -362,6 +362,18 @@ describe("the advice", () => {
   it("calls for no move on the target, and for no distance far from it", () => {
     expect(of(19.7255, "e").main).toMatch(/no move/);
     expect(of(28.985, "e")).toEqual({ main: expect.stringMatching(/must grow/) as string, other: null });
+  });
+
+  it("is never given beside IN FOCUS", () => {
+    const called = [19.78, 19.67, 19.7255].map((spacing) => {
+      const now = reading({ ...measurement(spacing, 0.002), in_focus: true });
+      return [advice(now, correction(design, now), "e", "mm").main, isCalledInFocus(now)] as const;
+    });
+    expect(called.map(([main, inFocus]) => [main.startsWith("Move"), inFocus])).toEqual([
+      [true, false],
+      [true, false],
+      [false, true],
+    ]);
   });
 
   it("gives no distance that an axis cannot go, and what can be done in its place once", () => {

@@ -106,13 +106,6 @@ export const meter: typeof en.meter = {
   sharp: {
     larger: "Scharf; Punktabstand etwas groß",
     smaller: "Scharf; Punktabstand etwas klein",
-    there: "Auf dem Sollwert",
-    unsure: "Vom Sollwert nicht zu unterscheiden",
-    two_boards: "Zwei Tafeln im Bild",
-    doubted: "Im Zweifel",
-    levels: "Mehrere Stufen im Bild",
-    elsewhere: "Tafel nicht im Fokus",
-    unsaid: "Kugelschale montiert?",
   },
   thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>

@@ -110,14 +110,7 @@ export const meter = {
   sharp: {
     larger: "Sharp; spacing slightly large",
     smaller: "Sharp; spacing slightly small",
-    there: "On target",
-    unsure: "Cannot be told from the target",
-    two_boards: "Two boards in view",
-    doubted: "In doubt",
-    levels: "Several levels in view",
-    elsewhere: "Board not at focus",
-    unsaid: "Shell on or off?",
-  } satisfies Record<Direction, string>,
+  } satisfies Partial<Record<Direction, string>>,
   thereMore: (px: string) => `Within ± ${px} px, as a job accepts it: no move is called for`,
   /** `unresolved`: why no frame could be measured in whole, where none could. */
   doubtedMore: (unresolved: string) =>

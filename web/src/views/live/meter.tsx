@@ -60,7 +60,7 @@ export function Meter(earlier: Given) {
           <span class="tag">{knowsMotion(state.bench) ? strings.meter.moving : strings.meter.mayMove}</span>
         )}
         {old && age !== null && <span class="tag old">{strings.meter.ago(span(age))}</span>}
-        {now?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
+        {shown.inFocus && <span class="tag good">{strings.meter.inFocus}</span>}
         <Toggle
           on={state.tone}
           set={(tone) => given.update({ tone })}

@@ -8,7 +8,7 @@ import { signed } from "../../format";
 import { steadyDigits } from "../../meter";
 import { needle } from "../../needle";
 import { pageNow } from "../../page-clock";
-import { isOfOne, type Missing, type Reading } from "../../reading";
+import { isCalledInFocus, isOfOne, type Direction, type Missing, type Reading } from "../../reading";
 import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
 import { whyMissing, type Why } from "../../unread";
@@ -46,6 +46,8 @@ export interface Shown {
   difference: string;
   /** What it is, in words. */
   words: string | null;
+  /** Whether it is called in focus. */
+  inFocus: boolean;
   /** What is to be done about it. */
   wanted: Advice | null;
 }
@@ -64,6 +66,11 @@ function order(state: State, reading: Reading, old: boolean): Advice {
   return advice(reading, correction(state.design, reading), movedNow(state), unit, (moved, byMm) =>
     hindrance(bench, moved, byMm),
   );
+}
+
+function inWords({ direction, inFocus }: Reading): string {
+  const sharp: Partial<Record<Direction, string>> = inFocus ? strings.meter.sharp : {};
+  return sharp[direction] ?? strings.meter.words[direction];
 }
 
 /** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
@@ -88,7 +95,8 @@ export function useShown({ state, now }: Given): Shown {
     old,
     ageMs: meterAge(state, now),
     difference: reading && isOfOne(reading) ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
-    words: reading && (reading.inFocus ? strings.meter.sharp : strings.meter.words)[reading.direction],
+    words: reading && inWords(reading),
+    inFocus: reading !== null && !old && isCalledInFocus(reading),
     wanted: reading && order(state, reading, old),
   };
 }

@@ -23,7 +23,7 @@ export function MeterPage(earlier: Given) {
   const shown = useShown(given);
   const job = jobUnderWay(state);
   const settingUp = isBeingSetUp(state.bench, job);
-  const { missing, why, old, ageMs, words, wanted } = shown;
+  const { missing, why, old, ageMs, words, wanted, inFocus } = shown;
   const reading = settingUp ? null : shown.reading;
   const figure = settingUp ? NO_FIGURE : missing?.is === "lost" ? strings.meter.lost : shown.difference;
   const says = settingUp
@@ -62,7 +62,7 @@ export function MeterPage(earlier: Given) {
             </span>
           )
         )}
-        {reading?.inFocus && !old && <span class="tag good">{strings.meter.inFocus}</span>}
+        {inFocus && !settingUp && <span class="tag good">{strings.meter.inFocus}</span>}
         {reading && !reading.settled && !old && (
           <span class="tag">{knowsMotion(state.bench) ? strings.meter.moving : strings.meter.mayMove}</span>
         )}
