@@ -1,4 +1,4 @@
-// Whether the camera still is as a job has left it.
+// Whether an axis stands where it stood, and the camera is as a job has left it.
 
 import type { Bench, Job } from "./wire";
 
@@ -6,12 +6,17 @@ import type { Bench, Job } from "./wire";
  *  beside it. */
 const MOVED_MM = 2e-3;
 
+/** Whether an axis does not stand where it stood, mm; of two places that are not known nothing is said. */
+export function hasMoved(then: number | null | undefined, now: number | null | undefined): boolean {
+  return typeof then === "number" && typeof now === "number" && Math.abs(now - then) > MOVED_MM;
+}
+
 /** Whether an axis stands elsewhere than when an alignment ended, or its place has been lost since. */
 export function movedSince({ report }: Pick<Job, "report">, bench: Bench | null): boolean {
   if (!report || !bench) return false;
   const then = { focus: report.focus_readback_mm, e: report.e_readback_mm };
   return bench.axes.some(({ axis, position_mm: now }) => {
     const at = then[axis];
-    return typeof at === "number" && (typeof now !== "number" || Math.abs(now - at) > MOVED_MM);
+    return typeof at === "number" && (typeof now !== "number" || hasMoved(at, now));
   });
 }

@@ -3,6 +3,7 @@
 import { SHARED } from "./field-surface";
 import { dot, fit } from "./least-squares";
 import type { Region } from "./marks";
+import { hasMoved } from "./moved-since";
 import type { Reading } from "./reading";
 import { saturated } from "./saturation";
 import type { FieldMap, Lens, Measurement } from "./wire";
@@ -23,9 +24,6 @@ export interface RegionSpacing {
   frameSeq: number;
 }
 
-/** An axis that is farther from where it was has been moved, mm. */
-const MOVED_MM = 0.001;
-
 /** Whether a measured frame was of another place of the axes than the newest reading is, or of a motion, as far as is known. */
 export function isOfAnotherPlace(
   frameSeq: number,
@@ -33,11 +31,8 @@ export function isOfAnotherPlace(
   now: Pick<Reading, "focusMm" | "eMm"> | null,
 ): boolean {
   if (measurement?.frame_seq !== frameSeq) return false;
-  const moved = (then: number | null | undefined, at: number | null | undefined) =>
-    typeof then === "number" && typeof at === "number" && Math.abs(at - then) > MOVED_MM;
-  return (
-    !measurement.settled || moved(measurement.focus_mm, now?.focusMm) || moved(measurement.e_mm, now?.eMm)
-  );
+  const { settled, focus_mm, e_mm } = measurement;
+  return !settled || hasMoved(focus_mm, now?.focusMm) || hasMoved(e_mm, now?.eMm);
 }
 
 /** The spacing within a region of a measured field; null where too few micro-images are. */
