@@ -160,6 +160,7 @@ mod tests {
             spacing_target_px: 19.7251,
             eog: None,
             decision: "within tolerance: verify".into(),
+            discarded: false,
             at: jiff::Timestamp::UNIX_EPOCH,
         }
     }

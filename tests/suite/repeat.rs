@@ -6,11 +6,12 @@ use std::time::Duration;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::lease::LeaseRequest;
 use plenalign::control::replay::replay;
-use plenalign::control::steps::{StepState, is_discarded};
-use plenalign::control::{Refusal, Service, ServiceError, Shown};
+use plenalign::control::steps::StepState;
+use plenalign::control::{Refusal, Service, ServiceError, Shown, history, open_bench};
+use plenalign::store::Store;
 use uuid::Uuid;
 
-use super::bench::{quick_axes, service, small_config};
+use super::bench::{quick_axes, small_config};
 use super::until::{elapse, until, when};
 
 /// How long the operator takes for everything that is asked.
@@ -41,7 +42,9 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     config.bench.simulation.operator_confirms = false;
     config.bench.simulation.rays = 8;
     quick_axes(&mut config.bench);
-    let service = service(config).await;
+    let (config, store) = (Arc::new(config), Store::in_memory());
+    let bench = open_bench(&config).await.unwrap();
+    let service = Service::start(config, "a test's configuration".to_owned(), bench, store.clone());
     let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
     let key = service.leases().take_over(request).key;
     let permit = service.leases().permit(Some(&key)).unwrap();
@@ -115,7 +118,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     // All but what was measured since the board was put up last.
     let last = job.steps.iter().find(|step| step.repeats == Some(6)).unwrap().began_at.unwrap();
     for it in &job.iterations {
-        assert_eq!(is_discarded(&job.steps, it.at), it.at < last, "iteration {}", it.number);
+        assert_eq!(it.discarded, it.at < last, "iteration {}", it.number);
     }
     assert!(job.iterations.iter().any(|it| it.at < last) && job.iterations.iter().any(|it| it.at >= last));
 
@@ -141,6 +144,9 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     let (operator_s, bench_s) = (sum(|step| step.operator_s), sum(|step| step.bench_s));
     assert!((operator_s - spent.operator_s).abs() < 0.1, "{operator_s}: {spent:?}");
     assert!((bench_s - (spent.total_s - spent.operator_s)).abs() < 0.5, "{bench_s}: {spent:?}");
+    store.flush().await;
+    let written = history::job(&store, id).await.unwrap().unwrap();
+    assert_eq!(written.iterations, job.iterations, "as the next run of the program finds them");
     let archive = service.archive(id).await.unwrap();
     let csv = plenalign::api::export::csv(&archive);
     let mut lines = csv.lines();

@@ -2,12 +2,13 @@
 
 import type { Job } from "./wire";
 
-/** x: the iteration's number; then a list for each run, null where it has no such iteration. */
-export function comparison(runs: Job[]): [number[], ...(number | null)[][]] {
-  const last = Math.max(0, ...runs.flatMap((run) => run.iterations.map((it) => it.number)));
+/** x: the iteration's number; then a list for each run, null where it has no such iteration that counts. */
+export function comparison(runs: Pick<Job, "iterations">[]): [number[], ...(number | null)[][]] {
+  const counting = runs.map(({ iterations }) => iterations.filter((it) => !it.discarded));
+  const last = Math.max(0, ...counting.flatMap((run) => run.map((it) => it.number)));
   const numbers = Array.from({ length: last }, (_, index) => index + 1);
-  const lists = runs.map((run) => {
-    const of = new Map(run.iterations.map((it) => [it.number, it.spacing.spacing_px - it.spacing_target_px]));
+  const lists = counting.map((run) => {
+    const of = new Map(run.map((it) => [it.number, it.spacing.spacing_px - it.spacing_target_px]));
     return numbers.map((number) => of.get(number) ?? null);
   });
   return [numbers, ...lists];

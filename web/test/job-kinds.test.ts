@@ -153,6 +153,12 @@ describe("the history", () => {
       [5, 1, 0],
       [-2, null, null],
     ]);
+    const repeated = [{ ...iteration(1, 25), discarded: true }, iteration(2, 21)];
+    expect(comparison([{ iterations: repeated }, other])).toEqual([
+      [1, 2],
+      [null, 1],
+      [-2, null],
+    ]);
     expect(comparison([])).toEqual([[]]);
   });
 });

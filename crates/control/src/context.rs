@@ -625,6 +625,7 @@ impl JobContext {
         self.job.change(|job| {
             let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
             steps::begin(&mut job.steps, begun, &spent);
+            steps::discard(&mut job.iterations, &job.steps);
             self.asking().far.insert(number, job.progress.step);
             step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
         });

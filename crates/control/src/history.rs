@@ -16,6 +16,7 @@ use super::measurement::SingleMeasurement;
 use super::recording::{Recording, RecordingState};
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
+use super::steps;
 use bench::access::{AuditRecord, AuditSink, LogAudit};
 use bench::store::records::{self, Audit, Move, Picture};
 use bench::store::{JobFilter, Page, Store, StoreError, read};
@@ -197,6 +198,8 @@ fn snapshot(job: records::Job, iterations: Vec<Value>, log: Vec<LogLine>) -> Res
     let mut job: JobSnapshot = serde_json::from_value(document).map_err(|error| {
         StoreError::Unusable(format!("job {id} was written by another version of plenalign: {error}"))
     })?;
+    // An iteration is written when it is measured, and not again.
+    steps::discard(&mut job.iterations, &job.steps);
     // Nobody was left to close the file.
     if let (JobState::Interrupted, Some(recording)) = (job.state, &mut job.recording)
         && recording.state == RecordingState::Recording

@@ -192,6 +192,9 @@ pub struct Iteration {
     pub eog: Option<f64>,
     /// What was decided, in a sentence.
     pub decision: String,
+    /// Whether it counts no more: a step that had begun before was asked for again after it.
+    #[serde(default)]
+    pub discarded: bool,
     /// When, RFC 3339.
     #[schema(value_type = String, format = DateTime)]
     pub at: jiff::Timestamp,

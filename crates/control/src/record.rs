@@ -63,6 +63,7 @@ impl Alignment<'_> {
             spacing_target_px: seen.target_px,
             eog: seen.eog,
             decision,
+            discarded: false,
             at: jiff::Timestamp::now(),
         }
     }

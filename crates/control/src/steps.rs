@@ -5,7 +5,7 @@ use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::job::TimeSpent;
+use super::job::{Iteration, TimeSpent};
 use super::plan::PlannedStep;
 use bench::device::Setup;
 
@@ -171,11 +171,13 @@ pub(super) fn repeat(steps: &mut Vec<JobStep>, number: u32, spent: &TimeSpent) {
     steps.splice(here..here, again);
 }
 
-/// Whether what was measured at `at` counts no more: a step that had begun before was asked for again after it.
-#[must_use]
-pub fn is_discarded(steps: &[JobStep], at: Timestamp) -> bool {
-    let began_before = |number| steps.iter().any(|step| step.number == Some(number) && step.began_at <= Some(at));
-    steps.iter().any(|step| step.began_at > Some(at) && step.repeats.is_some_and(began_before))
+/// Marks what counts no more: of before a step began that repeats one, and of after that one had begun.
+pub(super) fn discard(iterations: &mut [Iteration], steps: &[JobStep]) {
+    for iteration in iterations {
+        let at = Some(iteration.at);
+        let began_before = |number| steps.iter().any(|step| step.number == Some(number) && step.began_at <= at);
+        iteration.discarded = steps.iter().any(|step| step.began_at > at && step.repeats.is_some_and(began_before));
+    }
 }
 
 /// The job is over; what was planned and did not come was not needed where it has come to its `good` end.

@@ -3,7 +3,6 @@
 use serde_json::Value;
 
 use crate::control::history::JobArchive;
-use crate::control::steps::is_discarded;
 use crate::text::csv_field;
 
 /// Columns and where each is in an iteration.
@@ -40,9 +39,7 @@ pub fn csv(archive: &JobArchive) -> String {
     text.push_str("\r\n");
     let (job, simulated) = (archive.job.id.to_string(), archive.job.simulated.to_string());
     for iteration in &archive.job.iterations {
-        let discarded = is_discarded(&archive.job.steps, iteration.at);
-        let mut iteration = serde_json::to_value(iteration).unwrap_or_default();
-        iteration["discarded"] = discarded.into();
+        let iteration = serde_json::to_value(iteration).unwrap_or_default();
         let cells = COLUMNS.iter().map(|(_, at)| match iteration.pointer(at) {
             None | Some(Value::Null) => String::new(),
             Some(Value::String(text)) => csv_field(text),

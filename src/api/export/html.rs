@@ -10,7 +10,6 @@ use super::through_focus::through_focus;
 use crate::config::Config;
 use crate::control::history::JobArchive;
 use crate::control::job::{Iteration, JobSnapshot};
-use crate::control::steps::is_discarded;
 use crate::text::{data_uri, escape, time};
 
 const STYLE: &str = "
@@ -142,7 +141,7 @@ fn plots(page: &mut String, job: &JobSnapshot) {
         page.push_str("<p class=\"quiet\">Nothing was measured.</p>\n");
         return;
     }
-    let counting: Vec<&Iteration> = job.iterations.iter().filter(|it| !is_discarded(&job.steps, it.at)).collect();
+    let counting: Vec<&Iteration> = job.iterations.iter().filter(|it| !it.discarded).collect();
     let iterations = counting.as_slice();
     let series = |name, class, points, marked| Series { name, class, points, marked };
     let spacing = points(iterations, |it| Some((it.spacing.spacing_px, Some(it.spacing.spacing_sigma_px))));
@@ -255,11 +254,8 @@ fn iterations(page: &mut String, job: &JobSnapshot) {
         "<table>\n<tr><th>#</th><th>what</th><th>focus, mm</th><th>e, mm</th><th>Δv, mm</th><th>e measured, mm</th><th>spacing, px</th><th>target, px</th><th>decision</th></tr>\n",
     );
     for it in &job.iterations {
-        let (class, counts) = if is_discarded(&job.steps, it.at) {
-            (" class=\"discarded\"", "Done again, counts no more. ")
-        } else {
-            ("", "")
-        };
+        let (class, counts) =
+            if it.discarded { (" class=\"discarded\"", "Done again, counts no more. ") } else { ("", "") };
         let cells = [
             it.number.to_string(),
             it.kind.word().to_owned(),

@@ -3834,6 +3834,8 @@ export interface components {
        * @description Δv wanted, mm (air step).
        */
       delta_v_target_mm?: number | null;
+      /** @description Whether it counts no more: a step that had begun before was asked for again after it. */
+      discarded?: boolean;
       /**
        * Format: double
        * @description e as the picture has it (shell step), mm.

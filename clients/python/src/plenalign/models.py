@@ -752,6 +752,8 @@ class Iteration(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Its standard uncertainty, mm."""
     delta_v_target_mm: float | None = None
     """Δv wanted, mm (air step)."""
+    discarded: bool | UnsetType = UNSET
+    """Whether it counts no more: a step that had begun before was asked for again after it."""
     e_estimate_mm: float | None = None
     """e as the picture has it (shell step), mm."""
     e_estimate_sigma_mm: float | None = None

@@ -152,6 +152,7 @@ pub fn decided(message: &messages::Decision) -> Result<Iteration, String> {
         // The measurement has it.
         eog: None,
         decision: message.decision.clone(),
+        discarded: false,
         at: time(message.timestamp.as_ref()),
     })
 }

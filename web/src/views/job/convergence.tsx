@@ -1,6 +1,5 @@
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { isDiscarded } from "../../discarded";
 import { strings } from "../../strings";
 import type { Job } from "../../wire";
 import { differenceAxis, differenceScale } from "../difference";
@@ -36,7 +35,7 @@ function options(colours: Theme): Options {
 /** The spacing less its target, iteration by iteration, of those that count. */
 export function Convergence({ job }: { job: Job }) {
   const data = useMemo((): uPlot.AlignedData => {
-    const all = job.iterations.filter((it) => !isDiscarded(job, it));
+    const all = job.iterations.filter((it) => !it.discarded);
     const apart = (sigmas: number) =>
       all.map(
         ({ spacing, spacing_target_px: target }) =>

@@ -1,4 +1,3 @@
-import { isDiscarded } from "../../discarded";
 import { clock, fixed, withSigma } from "../../format";
 import { strings } from "../../strings";
 import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
@@ -58,7 +57,7 @@ function Table({ job, unit }: Props) {
           </thead>
           <tbody>
             {job.iterations.map((it) => (
-              <Row key={it.number} it={it} unit={unit} discarded={isDiscarded(job, it)} />
+              <Row key={it.number} it={it} unit={unit} />
             ))}
           </tbody>
         </table>
@@ -78,10 +77,10 @@ function Chart({ job, unit }: Props) {
   }
 }
 
-function Row({ it, unit, discarded }: { it: Iteration; unit: LengthUnit; discarded: boolean }) {
+function Row({ it, unit }: { it: Iteration; unit: LengthUnit }) {
   const readback = (mm: number | null | undefined) => (typeof mm === "number" ? bare(mm, unit) : "—");
   return (
-    <tr data-discarded={discarded}>
+    <tr data-discarded={it.discarded === true}>
       <td>{it.number}</td>
       <td>{strings.iterations.stages[it.stage]}</td>
       <td>{strings.iterations.kinds[it.kind]}</td>
@@ -92,7 +91,7 @@ function Row({ it, unit, discarded }: { it: Iteration; unit: LengthUnit; discard
       <td>{readback(it.focus_mm)}</td>
       <td>{readback(it.e_mm)}</td>
       <td class="words">
-        {discarded && <b>{strings.iterations.discarded} </b>}
+        {it.discarded && <b>{strings.iterations.discarded} </b>}
         <span lang="en">{reworded(it.decision, unit)}</span>
       </td>
     </tr>
