@@ -5,6 +5,7 @@ use std::sync::Arc;
 use plenalign::control::Service;
 use plenalign::control::events::ShellState;
 use plenalign::control::job::{JobKind, JobRequest, JobState};
+use plenalign::control::lease::Permit;
 use plenalign::control::measurement::MeasurementRequest;
 use plenalign::control::meter::{NoReading, Reading};
 use plenalign::device::AxisName;
@@ -15,6 +16,9 @@ use tokio::sync::watch;
 
 use super::bench::{permit, quick_axes, run, service, small_config};
 use super::until::until;
+
+/// Where the focus axis goes from where it was homed, mm.
+const BY_MM: [f64; 4] = [1.0, 2.5, 2.6, -0.6];
 
 type Readings = watch::Receiver<Option<Arc<Reading>>>;
 
@@ -38,6 +42,16 @@ async fn next(readings: &mut Readings) -> Arc<Reading> {
             return reading;
         }
     }
+}
+
+/// Homes the focus axis; where it then stands, mm.
+async fn home(service: &Arc<Service>, permit: &Permit) -> f64 {
+    service.home_axis(permit, AxisName::Focus).await.unwrap();
+    until("the focus axis is homed", async || {
+        let view = service.axis_view(AxisName::Focus);
+        view.position_mm.filter(|_| view.homed && !view.moving)
+    })
+    .await
 }
 
 fn set(service: &Service, faults: Faults) {
@@ -86,12 +100,7 @@ async fn up_to(readings: &mut Readings, wanted: impl Fn(&Reading, &Combined) -> 
 async fn frames_are_combined_until_an_axis_or_the_picture_moves() {
     let service = ready().await;
     let permit = permit(&service);
-    service.home_axis(&permit, AxisName::Focus).await.unwrap();
-    let at_mm = until("the focus axis is homed", async || {
-        let view = service.axis_view(AxisName::Focus);
-        view.position_mm.filter(|_| view.homed && !view.moving)
-    })
-    .await;
+    let at_mm = home(&service, &permit).await;
     let mut readings = service.readings();
     let first = next(&mut readings).await.combined.unwrap();
     assert_eq!((first.frames, first.span_s, first.since), (1, 0.0, Since::Start));
@@ -119,6 +128,28 @@ async fn frames_are_combined_until_an_axis_or_the_picture_moves() {
     set(&service, faults);
     let displaced = up_to(&mut readings, |_, combined| combined.since == Since::Picture).await;
     assert!(displaced.last().unwrap().combined.unwrap().frames == 1);
+}
+
+/// Of a white frame of another setting nothing is left in what is read once the axis rests.
+#[tokio::test]
+async fn at_rest_the_meter_reads_as_whole_measurements_do_wherever_the_axis_has_gone() {
+    let service = ready().await;
+    let permit = permit(&service);
+    let at_mm = home(&service, &permit).await;
+    let mut readings = service.readings();
+    for by_mm in BY_MM {
+        let to_mm = at_mm + by_mm;
+        service.move_axis(&permit, AxisName::Focus, Millimetres(to_mm)).await.unwrap();
+        let there = |reading: &Reading, combined: &Combined| {
+            let near = reading.frame.focus.position.is_some_and(|at| (at.value() - to_mm).abs() < 0.002);
+            near && reading.frame.focus.settled && combined.frames >= 5
+        };
+        let read = up_to(&mut readings, there).await.last().unwrap().combined.unwrap();
+        let (spacing_px, sigma_px) = whole(&service).await;
+        let (off, sigma) = (read.value - spacing_px, sigma_px.hypot(read.sigma));
+        println!("{by_mm:+} mm: {:.4} px, off by {off:+.4} ± {sigma:.4} px", read.value);
+        assert!(off.abs() < 3.0 * sigma, "{by_mm} mm: {read:?} for {spacing_px} ± {sigma_px} px");
+    }
 }
 
 #[tokio::test]
