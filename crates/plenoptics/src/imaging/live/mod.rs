@@ -332,8 +332,8 @@ impl LiveMeter {
         let (fit, profile) = self.choose_profile(even, &grid);
         let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
         let with_white = |failed| WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from);
-        let found = find_spacing(&[frame], &self.options.of_spacing()).map_err(with_white)?;
-        self.engine.state = Some(State::new(found.spacings_px[0], found.field_px));
+        let (spacing_px, field_px) = find_spacing(&frame, &self.options.of_spacing()).map_err(with_white)?;
+        self.engine.state = Some(State::new(spacing_px, field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)
     }

@@ -272,16 +272,24 @@ pub(super) fn whole_variance(scatter: f64, sigma_random_px: f64, sigma_correctio
     scatter.max(sigma_random_px.powi(2)) + MODEL_SIGMA_PX.powi(2) + sigma_correction_px.powi(2)
 }
 
-/// Looks for the spacing of frames of one pose as if nothing were known of it, and fits it: what [`measure_spacing`] begins
-/// with, before it asks whether the frame is smeared and how good a number could be.
+/// Looks for the spacing of a frame as if nothing were known of it: near enough to follow it from there (px), with tilt x,
+/// tilt y and curvature. Of many pairs a part has said that; of few all have.
 ///
 /// # Errors
 /// [`SpacingError`] says why nothing is found.
 pub(in crate::imaging) fn find_spacing(
-    frames: &[SpacingFrame],
+    frame: &SpacingFrame,
     options: &SpacingOptions,
-) -> Result<RegionSpacings, SpacingError> {
-    fit(frames, &[start(frames, options)?], &[1.0], options).map(|fitted| fitted.regions)
+) -> Result<(f64, [f64; FIELD_TERMS]), SpacingError> {
+    let frames = slice::from_ref(frame);
+    let starts = [start(frames, options)?];
+    if let Some(Model { spacings, terms: [tilt_x, tilt_y, curvature, ..], .. }) =
+        led(frame, &begun(&starts, &[1.0], options), options)
+    {
+        return Ok((spacings[0], [tilt_x, tilt_y, curvature]));
+    }
+    let RegionSpacings { spacings_px, field_px, .. } = fit(frames, &starts, &[1.0], options)?.regions;
+    Ok((spacings_px[0], field_px))
 }
 
 /// Measures the spacings of regions (see [`SpacingFrame::assign_regions`]) that share tilt and curvature; `starts` are
@@ -303,22 +311,34 @@ fn reach(options: &SpacingOptions) -> f64 {
     0.15 * options.mla_pitch_px
 }
 
+/// What a fit begins with.
+fn begun(starts: &[f64], scales: &[f64], options: &SpacingOptions) -> Model {
+    let model = Model { scales: scales.to_vec(), ..Model::flat(starts.to_vec()) };
+    match options.field_held {
+        Some(held) => model.with_field(held),
+        None => model,
+    }
+}
+
+/// The terms of the field that are fitted of any frame.
+fn usual_terms(options: &SpacingOptions) -> Vec<usize> {
+    (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect()
+}
+
 fn fit<'a>(
     frames: &'a [SpacingFrame],
     starts: &[f64],
     scales: &[f64],
     options: &SpacingOptions,
 ) -> Result<Fitted<'a>, SpacingError> {
-    let mut model = Model { scales: scales.to_vec(), ..Model::flat(starts.to_vec()) };
-    if let Some(held) = options.field_held {
-        model = model.with_field(held);
-    }
+    let mut model = begun(starts, scales, options);
     let reach = reach(options);
     let noise = frames.first().map_or(0.0, |f| f.noise);
     let directions = frames.first().map_or(0, |f| f.plan.direction_count);
-    let usual: Vec<usize> = (if options.field_held.is_some() { FIELD_TERMS } else { 0 }..USUAL_TERMS).collect();
-    if let ([_], [frame]) = (starts, frames) {
-        model = led(frame, model, &usual, reach);
+    if let ([_], [frame]) = (starts, frames)
+        && let Some(near) = led(frame, &model, options)
+    {
+        model = Model { free: Vec::new(), ..near };
     }
     let mut solver = Solver::new(frames, frames.iter().map(SpacingFrame::jobs).collect());
     solver.mask(&model);
@@ -338,7 +358,7 @@ fn fit<'a>(
             solver.normal.check_texture(noise, directions)?;
         }
         solver.noise_scale = scale;
-        model.free = usual;
+        model.free = usual_terms(options);
         solver.mask(&model);
         outcome = solver.iterate(&mut model, reach, 2e-4, 20);
         while outcome == Outcome::Converged && starts.len() == 1 && options.field_held.is_none() {
@@ -393,29 +413,30 @@ fn fit<'a>(
     Ok(Fitted { regions, model, free, solver })
 }
 
-/// A model brought near to where all pairs will have it by a part of a frame's pairs, where they are many; the same where
-/// these do not settle.
-fn led(frame: &SpacingFrame, start: Model, usual: &[usize], reach: f64) -> Model {
+/// A model brought near to where all pairs will have it by a part of a frame's pairs; `None` where they are not so many, or
+/// these do not match or settle.
+fn led(frame: &SpacingFrame, start: &Model, options: &SpacingOptions) -> Option<Model> {
     let pairs = frame.pairs();
     if pairs.len() < 4 * FORERUNNERS {
-        return start;
+        return None;
     }
     let share = FORERUNNERS as f64 / pairs.len() as f64;
     let few = (0u32..).zip(&pairs).filter(|(k, _)| (f64::from(*k) * GOLDEN).fract() < share);
     let jobs = few.map(|(_, &pair)| frame.plan.job(&[pair])).collect();
     let mut solver = Solver::new(slice::from_ref(frame), vec![jobs]);
     let mut model = start.clone();
-    for (tolerance, free) in [(0.05, &[][..]), (FORERUNNERS_AT_REST_PX, usual)] {
-        model.free = free.to_vec();
+    for (tolerance, free) in [(0.05, Vec::new()), (FORERUNNERS_AT_REST_PX, usual_terms(options))] {
+        model.free = free;
         solver.mask(&model);
-        let outcome = solver.iterate(&mut model, reach, tolerance, 10);
+        let outcome = solver.iterate(&mut model, reach(options), tolerance, 10);
         // Rows and columns apart cannot be told by one direction.
         let texture = solver.normal.check_texture(frame.noise, frame.plan.direction_count);
-        if outcome != Outcome::Converged || texture.is_err() {
-            return start;
+        let matches = solver.normal.contents.correlation() >= LEAST_CORRELATION;
+        if outcome != Outcome::Converged || texture.is_err() || !matches {
+            return None;
         }
     }
-    Model { free: Vec::new(), ..model }
+    Some(model)
 }
 
 /// Where to start iterating: the caller's value where neighbours match there, else what a search finds.
