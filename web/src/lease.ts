@@ -28,6 +28,8 @@ export class LeaseKeeper {
   private had: string | null = null;
   /** The one that is being given back: that it is gone is no news. */
   private returning: string | null = null;
+  /** Whether it is being asked for: the daemon may tell of it before it answers. */
+  private asking = false;
   private timer: ReturnType<typeof setInterval> | null = null;
   /** By the clock that nobody sets, ms. */
   private renewedAt = 0;
@@ -57,7 +59,8 @@ export class LeaseKeeper {
 
   /** Who else has control; null where this page has it, or nobody. */
   other(lease: { id: string; owner: string } | null | undefined): string | null {
-    return lease && !this.isMine(lease) ? lease.owner : null;
+    if (!lease || this.isMine(lease) || (this.asking && lease.owner === this.owner())) return null;
+    return lease.owner;
   }
 
   /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
@@ -86,7 +89,9 @@ export class LeaseKeeper {
   }
 
   private async ask(path: string): Promise<Problem | null> {
+    this.asking = true;
     const granted = await this.send<LeaseGrant>("POST", path, { owner: this.owner(), ttl_s: TTL_S });
+    this.asking = false;
     if (!granted.ok) return granted.problem;
     this.storage.setItem(KEY, granted.value.key);
     this.storage.setItem(ID, granted.value.lease.id);

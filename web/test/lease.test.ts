@@ -51,6 +51,16 @@ describe("the lease", () => {
   beforeEach(() => void vi.useFakeTimers());
   afterEach(() => void vi.useRealTimers());
 
+  it("is no other's while it is being asked for, whichever comes first, the answer or the bench's state", async () => {
+    const { send } = daemon();
+    const lease = keeper(send);
+    const taken = lease.take();
+    expect(lease.other({ id: "id1", owner: "Ana" })).toBeNull();
+    expect(lease.other({ id: "id9", owner: "Ben" })).toBe("Ben");
+    await taken;
+    expect([lease.isMine({ id: "id1" }), lease.other({ id: "id9", owner: "Ana" })]).toEqual([true, "Ana"]);
+  });
+
   it("is kept up whatever the browser's clock is set to", async () => {
     const { send, calls } = daemon();
     await keeper(send).take();

@@ -20,7 +20,7 @@ export function Lease({ state, act, now }: Given) {
   const lease = bench.lease ?? null;
   const commanding = may(state, "control");
   // Whoever signed in since may do less than whoever took it here.
-  const mine = commanding && api.lease.isMine(lease);
+  const mine = commanding && lease !== null && api.lease.other(lease) === null;
   const asking = lease !== null && asked === lease.id;
   const left = lease?.expires_at ? secondsLeft(lease.expires_at, state.clock, now) : null;
   const words =
