@@ -1,5 +1,5 @@
-// What keeps a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it; and a
-// sweep goes between places, which there are none of before homing.
+// What keeps a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it; a
+// sweep goes between places, which there are none of before homing; and the shell step goes on from an air step.
 
 import { strings } from "./strings";
 import type { AxisName, Bench, JobKind } from "./wire";
@@ -40,11 +40,12 @@ export function unhomed(bench: Bench, { kind, axis }: Asked): AxisName | null {
 
 /** Why a job cannot begin, and what to do first, in words. */
 export function barred(bench: Bench, asked: Asked): string[] {
-  const { leaveFirst, homeFirst } = strings.byHand;
+  const { leaveFirst, homeFirst, airFirst } = strings.byHand;
   const { short } = strings.axis;
   const lost = unhomed(bench, asked);
   return [
     ...switched(bench, asked).map((axis) => leaveFirst(short[axis])),
     ...(lost ? [homeFirst(short[lost])] : []),
+    ...(asked.kind === "shell_only" && !bench.air_step_holds ? [airFirst] : []),
   ];
 }

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { switched, unhomed } from "../src/barred";
+import { barred, switched, unhomed } from "../src/barred";
+import { strings } from "../src/strings";
 import { wayOn } from "../src/way-on";
 import { bench, job } from "./fixtures";
 
@@ -51,6 +52,16 @@ describe("the way on from a job that ended early", () => {
     for (const state of ["running", "converged", "succeeded"] as const) {
       expect(wayOn(job("a", 1, state), holds)).toBeNull();
     }
+  });
+});
+
+describe("the shell step", () => {
+  it("begins where an air step holds that it can go on from", () => {
+    const why = (air_step_holds: boolean, kind: "shell_only" | "air_only" = "shell_only") =>
+      barred({ ...bench, air_step_holds }, { kind });
+    expect(why(true)).toEqual([]);
+    expect(why(false)).toEqual([strings.byHand.airFirst]);
+    expect(why(false, "air_only")).toEqual([]);
   });
 });
 

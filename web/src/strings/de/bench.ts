@@ -72,6 +72,8 @@ export const byHand: typeof en.byHand = {
     `${axis} steht auf einem Endschalter: zuerst auf der Seite „Live“ von ihm wegfahren oder Ref. anfahren.`,
   homeFirst: (axis) =>
     `${axis} hat vor der Referenzfahrt keinen Ort: zuerst Ref. anfahren, auf der Seite „Live“ oder als Auftrag.`,
+  airFirst:
+    "Der Schritt mit Kugelschale setzt auf einem Schritt in Luft auf, und keiner gilt: zuerst „Nur Schritt in Luft“ oder eine gemeinsame Justage.",
   others: (owner) =>
     `${owner} hat die Bedienhoheit: Bis Sie sie haben, lässt sich von hier nichts verfahren.`,
   hint: "◀ oder ▶ gedrückt halten; beim Loslassen hält die Achse an.",

@@ -74,6 +74,8 @@ export const byHand = {
     `The ${axis} axis stands on a limit switch: move it off, or home it, on the page Live first.`,
   homeFirst: (axis: string) =>
     `The ${axis} axis has no place before it is homed: home it first, on the page Live or as a job.`,
+  airFirst:
+    "The shell step goes on from an air step, and none holds: run Air step only, or a joint alignment.",
   others: (owner: string) => `${owner} has control: nothing can be moved from here until you have it.`,
   hint: "Press and hold ◀ or ▶; letting go stops the axis.",
 };
