@@ -49,7 +49,7 @@ export const byHand: typeof en.byHand = {
     high: "Gedrückt halten: fährt zu größeren Positionen",
   },
   holdOf: (axis, hold) => `${axis}: ${hold}`,
-  pace: "Tippen",
+  pace: "Halten",
   paces: { slow: "langsam", fast: "schnell" },
   moveTo: (axis, unit) => `Zielposition der ${axis}, ${unit}`,
   to: "Ziel",

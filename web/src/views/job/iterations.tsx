@@ -21,7 +21,7 @@ export function Iterations({ job, unit }: Props) {
       {job.iterations.length > 0 ? (
         <Table job={job} unit={unit} />
       ) : (
-        <p class="quiet">{strings.iterations.none}</p>
+        !job.ended_at && <p class="quiet">{strings.iterations.none}</p>
       )}
       <details>
         <summary>{strings.iterations.log}</summary>
