@@ -123,7 +123,7 @@ try {
     .locator(".meter[data-state=lost] #difference", { hasText: "LOST" })
     .waitFor({ timeout: 20_000 });
   await meter.locator(".advice small", { hasText: /\w/ }).waitFor();
-  assert.doesNotMatch(await meter.innerText(), /IN FOCUS|On target|Sharp|Move/);
+  assert.doesNotMatch(await meter.innerText(), /IN FOCUS|On target|slightly|Move/);
   assert.equal(await meter.locator("#spacing, .pointer").count(), 0, "a spacing is shown that is lost");
   assert.equal(await height(), high, "the meter jumps where the spacing is lost");
   await accessible(other);

@@ -103,9 +103,9 @@ export const meter: typeof en.meter = {
     elsewhere: "Tafel nicht im Fokus",
     unsaid: "Kugelschale montiert?",
   },
-  sharp: {
-    larger: "Scharf; Punktabstand etwas groß",
-    smaller: "Scharf; Punktabstand etwas klein",
+  nearly: {
+    larger: "Punktabstand etwas zu groß",
+    smaller: "Punktabstand etwas zu klein",
   },
   thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>

@@ -107,9 +107,9 @@ export const meter = {
     unsaid: "Shell on or off?",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
-  sharp: {
-    larger: "Sharp; spacing slightly large",
-    smaller: "Sharp; spacing slightly small",
+  nearly: {
+    larger: "Spacing slightly too large",
+    smaller: "Spacing slightly too small",
   } satisfies Partial<Record<Direction, string>>,
   thereMore: (px: string) => `Within ± ${px} px, as a job accepts it: no move is called for`,
   /** `unresolved`: why no frame could be measured in whole, where none could. */

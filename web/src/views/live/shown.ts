@@ -69,8 +69,8 @@ function order(state: State, reading: Reading, old: boolean): Advice {
 }
 
 function inWords({ direction, inFocus }: Reading): string {
-  const sharp: Partial<Record<Direction, string>> = inFocus ? strings.meter.sharp : {};
-  return sharp[direction] ?? strings.meter.words[direction];
+  const nearly: Partial<Record<Direction, string>> = inFocus ? strings.meter.nearly : {};
+  return nearly[direction] ?? strings.meter.words[direction];
 }
 
 /** The state as it is at the newest reading: what uses it is drawn with the page, and by itself with each reading. */
