@@ -188,6 +188,9 @@ impl AirLoop {
                 )
             })
             .observe(observation.reading_mm, observation.delta_v_mm, observation.sigma_mm);
+        if let Some(fault) = self.model.and_then(|model| model.fault("focus", observation.reading_mm)) {
+            return AirDecision::Fault(fault);
+        }
         self.decide(here, measurements)
     }
 

@@ -63,6 +63,16 @@ impl AxisModel {
         (self.mean[1], self.covariance[1][1].max(0.0).sqrt())
     }
 
+    /// That all moves together have shown another scale than can be learnt, where each was too short to tell: what an axis is
+    /// called, and its reading now, mm.
+    #[must_use]
+    pub fn fault(&self, axis: &'static str, reading: f64) -> Option<MoveFault> {
+        let (scale, sigma) = self.scale();
+        let expected_mm = reading - self.reference;
+        let beyond = (scale - 1.0).abs() - 4.0 * sigma > SCALE_FAULT;
+        beyond.then_some(MoveFault::WrongScale { axis, expected_mm, measured_mm: scale * expected_mm })
+    }
+
     /// The reading at which the value is expected, mm.
     #[must_use]
     pub fn reading_for(&self, value: f64) -> f64 {
@@ -75,7 +85,7 @@ impl AxisModel {
 pub enum MoveFault {
     /// The picture did not change.
     #[error(
-        "the {axis} axis does not move: the picture shows {measured_mm:.3} mm of the {expected_mm:.3} mm commanded; check the motor, its driver and the coupling"
+        "the {axis} axis does not move: the picture shows {measured_mm:.3} mm of the {expected_mm:.3} mm commanded; check the motor, its driver and the coupling, and home the axis before anything else, as it may not stand where it reads"
     )]
     NotMoving {
         /// The axis's name.
@@ -99,7 +109,7 @@ pub enum MoveFault {
     },
     /// The picture changed by another amount.
     #[error(
-        "the {axis} axis has the wrong scale or slips: the picture shows {measured_mm:.3} mm for {expected_mm:.3} mm expected; check `steps_per_mm` in [bench.{axis}]"
+        "the {axis} axis has the wrong scale or slips: the picture shows {measured_mm:.3} mm for {expected_mm:.3} mm expected; check `steps_per_mm` in [bench.{axis}] and the coupling, and home the axis before anything else, as it may not stand where it reads"
     )]
     WrongScale {
         /// The axis's name.

@@ -263,6 +263,9 @@ impl ShellLoop {
             if e.is_finite() && sigma.is_finite() {
                 self.model.observe(observation.e_reading_mm, e, sigma);
             }
+            if let Some(fault) = self.model.fault("e", observation.e_reading_mm) {
+                return ShellDecision::Fault(fault);
+            }
         }
         self.decide(here, measurements)
     }

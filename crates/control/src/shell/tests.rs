@@ -210,6 +210,17 @@ fn a_dead_or_reversed_axis_ends_the_loop_after_the_probe() {
     assert_eq!(reversed.decisions.len(), 2);
 }
 
+/// Each of its moves is as long as what the ones before have shown of its scale, or too short to tell.
+#[test]
+fn an_axis_that_slips_all_the_way_ends_the_loop() {
+    for sigma in [0.004, 0.02, 0.06] {
+        let slipping = run(ShellStep::TranslateEThenTrim, |q| 30.0 + 0.6 * (q - 30.0), 0.0, 0.0, sigma);
+        let last = slipping.decisions.last();
+        let told = matches!(last, Some(ShellDecision::Fault(MoveFault::WrongScale { axis: "e", .. })));
+        assert!(told, "σ = {sigma} px: {:?}", slipping.decisions);
+    }
+}
+
 /// The picture is wrong by as much as three standard uncertainties, either way, by water, board or radii: the lens never
 /// touches, the focus is found all the same, and e is no further off than it has to be.
 #[test]
