@@ -1,6 +1,9 @@
 //! Every kind of job after every other on one simulated bench: what one leaves before the lens, on the axes and in the
 //! program is no obstacle to the next.
 
+use std::sync::Arc;
+
+use plenalign::control::Service;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::device::AxisName;
 use plenalign::units::Millimetres;
@@ -78,6 +81,32 @@ async fn a_job_finds_what_it_needs_after_another() {
     walk(1, &kinds).await;
 }
 
+/// Moves an axis to a reading, mm.
+async fn move_by_hand(service: &Arc<Service>, axis: AxisName, to_mm: f64) {
+    service.move_axis(&permit(service), axis, Millimetres(to_mm)).await.unwrap();
+    until("the axis is there", async || {
+        let view = service.axis_view(axis);
+        !view.moving && view.position_mm.is_some_and(|at_mm| (at_mm - to_mm).abs() < 0.01)
+    })
+    .await;
+}
+
+/// Whoever has moved it since, the camera is as the air step has found it when the shell step begins.
+#[tokio::test(start_paused = true)]
+async fn the_shell_step_brings_the_focus_axis_back_to_where_the_air_step_left_it() {
+    let service = service(small_config(5)).await;
+    let air = run(&service, JobRequest::of(JobKind::AirOnly)).await;
+    assert_eq!(air.state, JobState::Converged, "{:?}", air.reason);
+    let left_mm = service.axis_view(AxisName::Focus).position_mm.unwrap();
+    for by_mm in [0.03, 0.1, -0.4] {
+        move_by_hand(&service, AxisName::Focus, left_mm + by_mm).await;
+        let job = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+        assert_eq!(job.state, JobState::Converged, "{by_mm} mm: {:?}\n{:#?}", job.reason, job.log);
+        let first = job.iterations.first().unwrap();
+        assert!((first.focus_mm.unwrap() - left_mm).abs() < 0.002, "{by_mm} mm: {first:?}");
+    }
+}
+
 /// Where somebody has left an axis by hand is no obstacle either: what a first move has no room for there, a homing makes.
 #[tokio::test(start_paused = true)]
 async fn an_axis_left_at_an_end_of_its_travel_is_homed_before_anything_is_set_up() {
@@ -87,12 +116,7 @@ async fn an_axis_left_at_an_end_of_its_travel_is_homed_before_anything_is_set_up
     let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
     assert_eq!(homed.state, JobState::Succeeded, "{:?}", homed.reason);
     for (axis, to_mm) in [(AxisName::Focus, high_mm - 0.3), (AxisName::E, 1.5)] {
-        service.move_axis(&permit(&service), axis, Millimetres(to_mm)).await.unwrap();
-        until("the axis is there", async || {
-            let view = service.axis_view(axis);
-            !view.moving && view.position_mm.is_some_and(|at_mm| (at_mm - to_mm).abs() < 0.01)
-        })
-        .await;
+        move_by_hand(&service, axis, to_mm).await;
         let clarity = JobRequest { e_mm: Some(10.0), ..JobRequest::of(JobKind::ClarityOnly) };
         let job = run(&service, clarity).await;
         assert_eq!(job.state, JobState::Converged, "{axis}: {:?}\n{:#?}", job.reason, job.log);

@@ -41,7 +41,7 @@ pub(super) fn evidence(eye: &Eye, findings: &Findings, window_px: f64) -> Option
 
 /// An axis whose readback has changed by more than this has been moved, mm: a servo that holds its place may read a micrometre
 /// beside it.
-const MOVED_MM: f64 = 2e-3;
+pub(super) const MOVED_MM: f64 = 2e-3;
 
 /// Whether each axis still stands where it did in a measurement, by its readback (mm) now; one that is unknown does not.
 fn rest_since(seen: &Seen, readbacks_mm: [Option<f64>; 2]) -> [bool; 2] {

@@ -10,7 +10,7 @@ use super::eye::Seen;
 use super::job::IterationKind;
 use super::mistake::ShellLook;
 use super::plan::Plan;
-use super::report::evidence;
+use super::report::{MOVED_MM, evidence};
 use super::room::Room;
 use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
@@ -34,18 +34,24 @@ impl Alignment<'_> {
             "Take the diffuser off if it is on. Mount the shell, fill the tank, and put the flat board {distance_mm:.1} mm from the shell's outer vertex."
         );
         let setup = Setup::WaterBoard { distance_mm };
-        // From here on the shell counts as on, whatever becomes of the confirmation.
-        self.motion.set_shell(ShellState::On);
+        let here_mm = self.motion.position_mm(AxisName::Focus)?;
+        let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
+        if (here_mm - focus_at_air).abs() > MOVED_MM {
+            self.context.log(format!(
+                "the focus axis stands at {here_mm:.4} mm: it goes back to {focus_at_air:.4} mm, where the air step left it"
+            ));
+            self.go(AxisName::Focus, focus_at_air).await?;
+        }
+        self.motion.shell_may_be_on();
         self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
         self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        self.motion.set_shell(ShellState::On);
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
         let mut first_look = true;
         let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
-        let here_mm = self.motion.position_mm(AxisName::Focus)?;
-        let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
         for _ in 0..MAX_MEASUREMENTS {
             self.context.doing(format!("shell: measuring the spacing ({})", kind.word()));
             let e_reading_mm = self.motion.position_mm(AxisName::E)?;

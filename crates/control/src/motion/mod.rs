@@ -188,6 +188,13 @@ impl Motion {
         self.shell_said.notify_one();
     }
 
+    /// The operator is asked to mount the shell: from now on it may be on, whatever becomes of the confirmation.
+    pub(super) fn shell_may_be_on(&self) {
+        if self.shell() == ShellState::Off {
+            self.set_shell(ShellState::Unknown);
+        }
+    }
+
     /// Since when the shell is on, or off, or that is not known.
     pub(super) fn shell_since(&self) -> Moment {
         self.state().shell_since
