@@ -36,9 +36,10 @@ impl Alignment<'_> {
         let instruction = format!(
             "The e axis's motor is off. Mount the shell, fill the tank, put the flat board {distance_mm:.1} mm from the shell's outer vertex, and push the camera by hand as near to the shell as the lens's barrel allows."
         );
-        self.motion.set_shell(ShellState::On);
+        self.motion.shell_may_be_on();
         let value = Some(format!("{distance_mm:.1} mm"));
         self.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
+        self.motion.set_shell(ShellState::On);
         self.context.doing("l_bound: measuring the spacing");
         let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
         let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
