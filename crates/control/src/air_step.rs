@@ -167,7 +167,7 @@ impl Alignment<'_> {
         let far = taken_at.is_some_and(|taken_at| !plan.grid_followed(taken_at, reading_mm));
         if far {
             self.context.log("so far from where it was taken the white frame's grid no longer fits: another is taken");
-            self.white_frame().await?;
+            self.another_white_frame().await?;
         }
         Ok(far)
     }
@@ -381,7 +381,7 @@ impl Alignment<'_> {
         self.aperture_set = true;
         // The micro-images have moved and changed their size: does the white frame still fit?
         if self.white_is_off().await? {
-            self.white_frame().await?;
+            self.another_white_frame().await?;
             self.place(standing).await?;
         }
         Ok(())

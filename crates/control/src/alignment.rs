@@ -233,9 +233,20 @@ impl Alignment<'_> {
         Ok(())
     }
 
+    /// Has another white frame taken where the one that there is fits no more.
+    pub(super) async fn another_white_frame(&mut self) -> Result<(), JobEnd> {
+        self.white_frame_asked_for("The white frame no longer fits what the camera shows as it is set now. ").await
+    }
+
     pub(super) async fn white_frame(&mut self) -> Result<(), JobEnd> {
-        let instruction =
-            "Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken.".to_owned();
+        self.white_frame_asked_for("").await
+    }
+
+    /// `why`: a sentence before what the operator is asked to do; empty where it explains itself.
+    async fn white_frame_asked_for(&mut self, why: &str) -> Result<(), JobEnd> {
+        let instruction = format!(
+            "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
+        );
         self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;

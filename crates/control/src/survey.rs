@@ -224,7 +224,7 @@ impl Alignment<'_> {
         }
         self.flat_board(distance_mm).await?;
         if has_white && self.white_is_off().await? {
-            self.white_frame().await?;
+            self.another_white_frame().await?;
             self.flat_board(distance_mm).await?;
         }
         Ok(())

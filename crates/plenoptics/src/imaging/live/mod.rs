@@ -124,7 +124,7 @@ pub enum LiveError {
     NoStart,
     /// The spacing is no longer near the last one.
     #[error(
-        "neighbouring micro-images no longer match near the last spacing of {from_px:.2} px (correlation {correlation:.2}): it changed too fast or the board went; acquire it anew"
+        "neighbouring micro-images no longer match near the last spacing of {from_px:.2} px (correlation {correlation:.2}): it changed too fast or the board went"
     )]
     Lost {
         /// The spacing started from, px.
