@@ -171,7 +171,7 @@ pub(super) fn repeat(steps: &mut Vec<JobStep>, number: u32, spent: &TimeSpent) {
     steps.splice(here..here, again);
 }
 
-/// Marks what counts no more: of before a step began that repeats one, and of after that one had begun.
+/// Marks what counts no more: what was measured after a step had begun, and before another began that repeats it.
 pub(super) fn discard(iterations: &mut [Iteration], steps: &[JobStep]) {
     for iteration in iterations {
         let at = Some(iteration.at);
