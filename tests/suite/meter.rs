@@ -85,6 +85,11 @@ async fn frames_are_read_as_whole_measurements_have_them() {
     }
 }
 
+/// Whether the focus axis stood at a place (mm) when a frame was taken.
+fn stands_at(reading: &Reading, mm: f64) -> bool {
+    reading.frame.focus.position.is_some_and(|at| (at.value() - mm).abs() < 0.002)
+}
+
 /// Readings up to the first whose combined frames are as wanted.
 async fn up_to(readings: &mut Readings, wanted: impl Fn(&Reading, &Combined) -> bool) -> Vec<Arc<Reading>> {
     let mut read = Vec::new();
@@ -108,7 +113,7 @@ async fn frames_are_combined_until_an_axis_or_the_picture_moves() {
 
     let to_mm = at_mm + 0.03;
     service.move_axis(&permit, AxisName::Focus, Millimetres(to_mm)).await.unwrap();
-    let there = |reading: &Reading| reading.frame.focus.position.is_some_and(|at| (at.value() - to_mm).abs() < 0.002);
+    let there = |reading: &Reading| stands_at(reading, to_mm);
     // Homing, too, was a motion.
     let anew = |reading: &Reading, combined: &Combined| {
         there(reading) && combined.since == Since::Axis && combined.frames >= 5
@@ -141,8 +146,7 @@ async fn at_rest_the_meter_reads_as_whole_measurements_do_wherever_the_axis_has_
         let to_mm = at_mm + by_mm;
         service.move_axis(&permit, AxisName::Focus, Millimetres(to_mm)).await.unwrap();
         let there = |reading: &Reading, combined: &Combined| {
-            let near = reading.frame.focus.position.is_some_and(|at| (at.value() - to_mm).abs() < 0.002);
-            near && reading.frame.focus.settled && combined.frames >= 5
+            stands_at(reading, to_mm) && reading.frame.focus.settled && combined.frames >= 5
         };
         let read = up_to(&mut readings, there).await.last().unwrap().combined.unwrap();
         let (spacing_px, sigma_px) = whole(&service).await;
