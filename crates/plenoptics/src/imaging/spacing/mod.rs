@@ -282,13 +282,11 @@ pub(in crate::imaging) fn find_spacing(
     options: &SpacingOptions,
 ) -> Result<(f64, [f64; FIELD_TERMS]), SpacingError> {
     let frames = slice::from_ref(frame);
-    let starts = [start(frames, options)?];
-    if let Some(Model { spacings, terms: [tilt_x, tilt_y, curvature, ..], .. }) =
-        led(frame, &begun(&starts, &[1.0], options), options)
-    {
+    let model = begun(&[start(frames, options)?], &[1.0], options);
+    if let Some(Model { spacings, terms: [tilt_x, tilt_y, curvature, ..], .. }) = led(frame, &model, options) {
         return Ok((spacings[0], [tilt_x, tilt_y, curvature]));
     }
-    let RegionSpacings { spacings_px, field_px, .. } = fit(frames, &starts, &[1.0], options)?.regions;
+    let RegionSpacings { spacings_px, field_px, .. } = fit_from(model, frames, options)?.regions;
     Ok((spacings_px[0], field_px))
 }
 
@@ -331,15 +329,24 @@ fn fit<'a>(
     scales: &[f64],
     options: &SpacingOptions,
 ) -> Result<Fitted<'a>, SpacingError> {
-    let mut model = begun(starts, scales, options);
+    let model = begun(starts, scales, options);
+    let near = match (starts, frames) {
+        ([_], [frame]) => led(frame, &model, options),
+        _ => None,
+    };
+    fit_from(near.map_or(model, |near| Model { free: Vec::new(), ..near }), frames, options)
+}
+
+/// Fits all pairs, from a model that is near enough.
+fn fit_from<'a>(
+    mut model: Model,
+    frames: &'a [SpacingFrame],
+    options: &SpacingOptions,
+) -> Result<Fitted<'a>, SpacingError> {
+    let count = model.spacings.len();
     let reach = reach(options);
     let noise = frames.first().map_or(0.0, |f| f.noise);
     let directions = frames.first().map_or(0, |f| f.plan.direction_count);
-    if let ([_], [frame]) = (starts, frames)
-        && let Some(near) = led(frame, &model, options)
-    {
-        model = Model { free: Vec::new(), ..near };
-    }
     let mut solver = Solver::new(frames, frames.iter().map(SpacingFrame::jobs).collect());
     solver.mask(&model);
     let mut outcome = solver.iterate(&mut model, reach, 0.05, 10);
@@ -361,7 +368,7 @@ fn fit<'a>(
         model.free = usual_terms(options);
         solver.mask(&model);
         outcome = solver.iterate(&mut model, reach, 2e-4, 20);
-        while outcome == Outcome::Converged && starts.len() == 1 && options.field_held.is_none() {
+        while outcome == Outcome::Converged && count == 1 && options.field_held.is_none() {
             let Some(free) = solver.normal.demanded(&model) else { break };
             model.free = free;
             outcome = solver.iterate(&mut model, reach, 2e-4, 20);
@@ -400,9 +407,7 @@ fn fit<'a>(
     }
     let regions = RegionSpacings {
         spacings_px: free.iter().map(|free| free.spacing).collect(),
-        sigmas_random_px: (0..starts.len())
-            .map(|r| slope_of(r) * solver.noise_variance(&model, &inverse, r).sqrt())
-            .collect(),
+        sigmas_random_px: (0..count).map(|r| slope_of(r) * solver.noise_variance(&model, &inverse, r).sqrt()).collect(),
         field_px: [tilt_x, tilt_y, curvature],
         covariance,
         window_px,
