@@ -3,7 +3,7 @@
 import { ConfirmKeys } from "./confirm-key";
 import type { About } from "./kept-picture";
 import { LeaseKeeper } from "./lease";
-import { NAMELESS } from "./names";
+import { me } from "./names";
 import { noAnswer } from "./no-answer";
 import type { Sections } from "./water";
 import type {
@@ -120,13 +120,7 @@ function allowedMs(path: string): number {
   return path === AUTO_EXPOSURE ? AUTO_EXPOSURE_MS : TIMEOUT_MS;
 }
 
-let owner = NAMELESS;
-/** How this page is called where others are told who has control. */
-export function callMe(name: string): void {
-  owner = name.trim() || NAMELESS;
-}
-
-export const lease = new LeaseKeeper(request, () => owner, sessionStorage);
+export const lease = new LeaseKeeper(request, me, sessionStorage);
 export const confirmKeys = new ConfirmKeys(sessionStorage);
 
 const done = (problem: Problem | null): Result<null> =>
@@ -136,8 +130,8 @@ export const takeOverLease = async () => done(await lease.takeOver());
 export const releaseLease = async () => done(await lease.release());
 
 export const stopAll = () =>
-  request<StopReport>("POST", `${STOP}?${new URLSearchParams({ owner }).toString()}`);
-export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", STOP, { why, owner });
+  request<StopReport>("POST", `${STOP}?${new URLSearchParams({ owner: me() }).toString()}`);
+export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", STOP, { why, owner: me() });
 
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
 export const leaveSwitch = (axis: AxisName, pressed: Side) =>

@@ -9,6 +9,7 @@ import { keyOfAddress, type ConfirmKey } from "./confirm-key";
 import { eyepiece } from "./eyepiece";
 import { install } from "./install";
 import { jog, watchJog } from "./jogging";
+import { callMe } from "./names";
 import { needle } from "./needle";
 import { pageNow } from "./page-clock";
 import { keep, named, recall } from "./preferences";
@@ -101,9 +102,7 @@ function withControl(next: State): State {
 /** What follows from the state for those outside of it. */
 function heed(): void {
   const { preferences, session, route } = state;
-  api.callMe(
-    preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""),
-  );
+  callMe(preferences.name || (session && session !== "stranger" && session.signed_in ? session.name : ""));
   const now = pageNow();
   sound.play(toneNow(state, now));
   void awake.want(preferences.awake && document.visibilityState === "visible", now);

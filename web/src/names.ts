@@ -5,6 +5,16 @@ import { strings } from "./strings";
 /** What the daemon is told of whoever has given no name: in its own language, as it goes into records that all read. */
 export const NAMELESS = "a browser";
 
+let own = NAMELESS;
+
+/** Says how this page is called where others are told who has control. */
+export function callMe(name: string): void {
+  own = name.trim() || NAMELESS;
+}
+
+/** How this page is called. */
+export const me = () => own;
+
 /** Written from right to left. */
 const TURNED = /[\p{Script=Arabic}\p{Script=Hebrew}\p{Script=Syriac}\p{Script=Thaana}\p{Script=Nko}]/u;
 
@@ -12,4 +22,10 @@ const TURNED = /[\p{Script=Arabic}\p{Script=Hebrew}\p{Script=Syriac}\p{Script=Th
 export function called(owner: string): string {
   if (owner === NAMELESS) return strings.lease.owner;
   return TURNED.test(owner) ? `\u2068${owner}\u2069` : owner;
+}
+
+/** How somebody is called who is not at this page: the same person may be, in another window. */
+export function another(owner: string): string {
+  const name = called(owner);
+  return owner === own && owner !== NAMELESS ? strings.lease.elsewhere(name) : name;
 }

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { called, NAMELESS } from "../src/names";
+import { another, called, callMe, NAMELESS } from "../src/names";
 import { strings } from "../src/strings";
 
 describe("how somebody is called", () => {
@@ -11,5 +11,13 @@ describe("how somebody is called", () => {
   it("turns nothing that stands around a name written from right to left", () => {
     expect(called("שרה 2")).toBe("\u2068שרה 2\u2069");
     expect(called("سارة")).toBe("\u2068سارة\u2069");
+  });
+
+  it("is told from this page where another window has the same name", () => {
+    callMe("Ada");
+    expect(another("Ada")).toBe(strings.lease.elsewhere("Ada"));
+    expect(another("Ben")).toBe("Ben");
+    callMe(" ");
+    expect(another(NAMELESS)).toBe(strings.lease.owner);
   });
 });

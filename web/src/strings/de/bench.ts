@@ -4,6 +4,7 @@ import type * as en from "../en/bench";
 
 export const lease: typeof en.lease = {
   owner: "ein Browser",
+  elsewhere: (owner) => `${owner} (in einem anderen Fenster)`,
   unclear: "Wer die Bedienhoheit hat, ist nicht bekannt.",
   free: "Niemand hat die Bedienhoheit.",
   mine: (owner) => `Diese Seite hat die Bedienhoheit${owner === lease.owner ? "" : ` (${owner})`}.`,

@@ -4,6 +4,7 @@ import type { AxisName, ShellState, Side } from "../../wire";
 
 export const lease = {
   owner: "a browser",
+  elsewhere: (owner: string) => `${owner} (in another window)`,
   unclear: "Who has control is not known.",
   free: "Nobody has control.",
   mine: (owner: string) => `This page has control${owner === lease.owner ? "" : `, as ${owner}`}.`,

@@ -2,7 +2,7 @@ import { PACES, type Pace } from "../../pace";
 import { STEPS_MM } from "../../preferences";
 import * as api from "../../api";
 import { able, may } from "../../state";
-import { called } from "../../names";
+import { another } from "../../names";
 import { strings } from "../../strings";
 import { plain } from "../../units";
 import { useState } from "preact/hooks";
@@ -30,7 +30,7 @@ export function Bench(given: Given) {
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
       {commanding && state.link === "open" && other !== null && (
-        <p class="quiet">{strings.byHand.others(called(other))}</p>
+        <p class="quiet">{strings.byHand.others(another(other))}</p>
       )}
       <p class="paces">
         <Old {...given} />

@@ -2,7 +2,7 @@ import * as api from "../../api";
 import { secondsLeft } from "../../clock";
 import { able, may } from "../../state";
 import type { ControlLost } from "../../lease";
-import { called } from "../../names";
+import { another, called } from "../../names";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
@@ -30,7 +30,7 @@ export function Lease({ state, act, now }: Given) {
         ? strings.lease.free
         : mine
           ? strings.lease.mine(called(lease.owner))
-          : strings.lease.held(called(lease.owner), lease.note);
+          : strings.lease.held(another(lease.owner), lease.note);
   const more =
     lease === null || mine || state.link !== "open"
       ? ""
@@ -66,7 +66,7 @@ export function Lease({ state, act, now }: Given) {
       )}
       {lease !== null && !mine && asking && (
         <Ask
-          question={strings.lease.takeOverSure(called(lease.owner), Boolean(lease.job))}
+          question={strings.lease.takeOverSure(another(lease.owner), Boolean(lease.job))}
           yes={strings.lease.takeOverYes}
           no={strings.lease.takeOverNo}
           answer={(yes) => {
@@ -84,7 +84,7 @@ export function ControlGone({ lost, update }: Given & { lost: ControlLost }) {
   return (
     <div class="control-lost" role="alert">
       <p>
-        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(called(lost.to))}</b>{" "}
+        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(another(lost.to))}</b>{" "}
         {strings.lease.lostMore}
       </p>
       <button type="button" onClick={() => update({ controlLost: null })}>

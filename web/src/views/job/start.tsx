@@ -13,7 +13,7 @@ import {
   type NumberField,
 } from "../../job-kinds";
 import { able, may } from "../../state";
-import { called } from "../../names";
+import { another } from "../../names";
 import { strings } from "../../strings";
 import { length, pixels, typedMm, type LengthUnit } from "../../units";
 import type { AxisName, Design, JobKind } from "../../wire";
@@ -162,7 +162,7 @@ export function StartJob(given: Given) {
           {why}
         </p>
       ))}
-      {other !== null && <p class="quiet">{strings.byHand.others(called(other))}</p>}
+      {other !== null && <p class="quiet">{strings.byHand.others(another(other))}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

@@ -2,7 +2,7 @@ import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
 import { fixed } from "../../format";
 import { numberOf } from "../../job-kinds";
-import { called } from "../../names";
+import { another } from "../../names";
 import { able, may, type State } from "../../state";
 import { strings } from "../../strings";
 import type { AutoExposure, Light, LightControl } from "../../wire";
@@ -36,7 +36,7 @@ function barred(state: State): string | null {
   if (!bench.camera.online) return words.gone;
   const other = api.lease.other(bench.lease);
   if (bench.job) return words.job;
-  return other === null ? null : words.others(called(other));
+  return other === null ? null : words.others(another(other));
 }
 
 /** The camera's exposure and gain, and how the newest frame is exposed. */
