@@ -86,9 +86,7 @@ try {
   await page.locator("#sign-in input").fill("plenalign_wrong");
   await page.locator("#sign-in button").click();
   await page.locator("#sign-in .problem").waitFor();
-  const made = ["token", "create", "--name", "Vera", "--scope", "view"];
-  const token = execFileSync(program, made, { env, stdio: ["ignore", "pipe", "ignore"] }).toString();
-  await page.locator("#sign-in input").fill(token.trim());
+  await page.locator("#sign-in input").fill(tokenOf("Vera", "view"));
   await page.locator("#sign-in button").click();
   await page.locator(".who", { hasText: "Vera" }).waitFor({ timeout: 10_000 });
   await page.locator(".lease[data-lease=free]").waitFor();
@@ -121,12 +119,22 @@ try {
   await accessible(page);
   await page.screenshot({ path: `${shots}/revoked.png` });
 
+  step("what is made elsewhere, and used, is in the list of tokens without a reload");
+  const listed = async (name) => (await page.locator(".token-list li", { hasText: name }).innerText()) ?? "";
+  await page.locator("#sign-in input").fill(tokenOf("Eva", "admin"));
+  await page.locator("#sign-in button").click();
+  await open(page, "Settings");
+  await page.locator(".token-list li", { hasText: "Eva" }).waitFor();
+  const cat = tokenOf("Cat", "view");
+  await page.locator(".token-list li", { hasText: "Cat" }).waitFor();
+  assert.match(await listed("Cat"), /Last used never/);
+  await fetch(new URL("api/v1/bench", address), { headers: { authorization: `Bearer ${cat}` } });
+  await until(async () => !/Last used never/.test(await listed("Cat")), "a token used goes on as never used");
+  await page.locator("#sign-out").click();
+
   step("a token that expires ends what is shown, and says that it has and when, also after a reload");
-  const admin = execFileSync(program, ["token", "create", "--name", "Ada", "--scope", "admin"], {
-    env,
-    stdio: ["ignore", "pipe", "ignore"],
-  });
-  await page.locator("#sign-in input").fill(admin.toString().trim());
+  const admin = tokenOf("Ada", "admin");
+  await page.locator("#sign-in input").fill(admin);
   await page.locator("#sign-in button").click();
   await page.getByRole("button", { name: "Take control" }).click();
   await page.locator(".lease[data-lease=mine]").waitFor();
@@ -134,7 +142,7 @@ try {
   await page.reload();
   const answer = await fetch(new URL("api/v1/tokens", address), {
     method: "POST",
-    headers: { authorization: `Bearer ${admin.toString().trim()}`, "content-type": "application/json" },
+    headers: { authorization: `Bearer ${admin}`, "content-type": "application/json" },
     body: JSON.stringify({
       name: "Brief",
       scope: "view",
@@ -158,6 +166,14 @@ try {
   await browser.close();
   daemon.process.kill("SIGKILL");
   place.remove();
+}
+
+/** A token made on the command line. */
+function tokenOf(name, scope) {
+  const asked = ["token", "create", "--name", name, "--scope", scope];
+  return execFileSync(program, asked, { env, stdio: ["ignore", "pipe", "ignore"] })
+    .toString()
+    .trim();
 }
 
 /** The link that the daemon puts into its state folder. */

@@ -12,12 +12,16 @@ import { Choice } from "../toggle";
 
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
 
+/** How often the list is asked for anew, ms. */
+const RENEWED_MS = 5_000;
+
 /** Who gets in. */
 export function Tokens({ act, load, state, now, makeToken }: Given) {
   const [tokens, setTokens] = useState<Token[] | null>(null);
   const here = able(state, "admin");
   const [wanted, want] = useAsked<TokenRequest>(here);
   const [asked, ask] = useAsked<Token>(here);
+  const linked = state.link === "open";
   const look = () =>
     load(
       api.tokens().then((result) => {
@@ -25,7 +29,13 @@ export function Tokens({ act, load, state, now, makeToken }: Given) {
         return result;
       }),
     );
-  useEffect(() => void look(), [state.bootId]);
+  useEffect(() => {
+    if (!linked) return;
+    void look();
+    // Others make tokens, too, and when one was used last goes on.
+    const again = setInterval(() => void look(), RENEWED_MS);
+    return () => clearInterval(again);
+  }, [state.bootId, linked]);
   const first = isFirst(state);
   const lets = (token: Token) => letsIn(token, state, now);
   const make = async (token: TokenRequest) => {
