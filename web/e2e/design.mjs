@@ -220,6 +220,9 @@ try {
   await page.waitForFunction(
     () => document.querySelector(".figures td[data-state=joint]")?.firstChild?.textContent === "+2.205 mm",
   );
+  // What was saved is in the file all the same.
+  const waiting = page.locator(".save .notice", { hasText: "Waiting for the daemon's next start" });
+  await waiting.filter({ hasText: "shell.outer_radius_mm" }).waitFor();
 
   step(
     "started again with another camera, the daemon's is in force on every page that is open, but for what is being edited",

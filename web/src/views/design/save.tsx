@@ -20,6 +20,8 @@ interface Props extends Given {
 interface Read {
   stored: JsonObject | null;
   etag: string | null;
+  /** What is in it and waits for the daemon's next start. */
+  waiting: string[];
 }
 
 /** Writes the draft into the configuration's file, or says why it cannot be. */
@@ -29,7 +31,11 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
   const load = async () => {
     const result = await api.config();
     if (result.ok)
-      setRead({ stored: (result.value.stored ?? null) as JsonObject | null, etag: result.etag ?? null });
+      setRead({
+        stored: (result.value.stored ?? null) as JsonObject | null,
+        etag: result.etag ?? null,
+        waiting: result.value.restart_required,
+      });
   };
   useEffect(() => void load(), [state.bootId]);
   useEffect(() => setWritten(null), [JSON.stringify(changes)]);
@@ -85,6 +91,9 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
             <b>{obstacle.key}</b> <span lang="en">{reworded(obstacle.message, state.preferences.unit)}</span>
           </p>
         ))}
+      {written === null && read !== null && read.waiting.length > 0 && (
+        <p class="notice">{strings.settings.restart(read.waiting.join(", "))}</p>
+      )}
       {written && (
         <p class="notice" role="status">
           {written.changed.length > 0 ? words.saved(written.changed.join(", ")) : words.savedNothing}
