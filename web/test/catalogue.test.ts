@@ -25,7 +25,9 @@ it("one is not told like several", () => {
     for (const one of [plan.summary(1, 40), job.watchMeans(1)]) expect(one).not.toMatch(/\b1\b/);
     for (const two of [plan.summary(2, 40), job.watchMeans(2)]) expect(two).toMatch(/\b2\b/);
   }
-  expect(en.plan.summary(1, 40)).toBe("You are asked once; it takes about 40 s besides");
+  expect(en.plan.summary(1, 40)).toBe(
+    "You are asked once, again where a picture has to be repeated; it takes about 40 s besides",
+  );
   expect(de.job.watchMeans(1)).toBe("Eine Messung");
 });
 

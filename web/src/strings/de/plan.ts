@@ -6,7 +6,7 @@ export const plan: typeof en.plan = {
   impossible: "Diese Kamera lässt sich so, wie sie konfiguriert ist, nicht justieren:",
   obstacle: (value, needed, why) => `ist ${value} und müsste ${needed} sein: ${why}`,
   summary: (steps, seconds) =>
-    `${steps === 1 ? "Ein Handgriff" : `${steps} Handgriffe`} für Sie, dazu etwa ${Math.round(seconds)} s`,
+    `${steps === 1 ? "Ein Handgriff" : `${steps} Handgriffe`} für Sie, mehr, wo ein Bild zu wiederholen ist; dazu etwa ${Math.round(seconds)} s`,
   mounted: (e, spacing) => `Die Kugelschale wird bei e = ${e} montiert, wo der Punktabstand ${spacing} ist.`,
   held: (e) => `e wird bei ${e} gehalten, wenn Sie kein anderes nennen; dafür gilt der Plan.`,
   above: (e, tolerance, more) =>

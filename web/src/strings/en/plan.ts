@@ -4,7 +4,7 @@ export const plan = {
   obstacle: (value: string, needed: string, why: string) =>
     `is ${value}, and would have to be ${needed}: ${why}`,
   summary: (steps: number, seconds: number) =>
-    `You are asked ${steps === 1 ? "once" : `${steps} times`}; it takes about ${Math.round(seconds)} s besides`,
+    `You are asked ${steps === 1 ? "once" : `${steps} times`}, again where a picture has to be repeated; it takes about ${Math.round(seconds)} s besides`,
   mounted: (e: string, spacing: string) => `The shell is mounted at e ${e}, where the spacing is ${spacing}.`,
   held: (e: string) => `e is held at ${e}, unless you name another; the plan is for that.`,
   above: (e: string, tolerance: string, more: string) =>
