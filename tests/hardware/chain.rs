@@ -477,6 +477,8 @@ impl Stage for Unseen {
         Err(DeviceError::NotHomed { axis: self.0 })
     }
 
+    fn forget_position(&self) {}
+
     async fn release(&self, _: u64) -> Result<(), DeviceError> {
         Ok(())
     }

@@ -211,6 +211,10 @@ impl Stage for Broken {
         panic!("a number that nobody thought of");
     }
 
+    fn forget_position(&self) {
+        self.inner.forget_position();
+    }
+
     async fn release(&self, generation: u64) -> Result<(), DeviceError> {
         self.inner.release(generation).await
     }

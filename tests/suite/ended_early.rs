@@ -3,13 +3,15 @@
 use std::sync::Arc;
 
 use plenalign::api::export;
-use plenalign::control::Service;
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, Stage};
+use plenalign::control::{Refusal, Service, ServiceError};
+use plenalign::device::AxisName;
 use plenalign::device::faults::Faults;
+use plenalign::units::Millimetres;
 use tokio::sync::broadcast::error::RecvError;
 
-use super::bench::{align, run, service, small_config};
+use super::bench::{align, permit, run, service, small_config};
 
 /// Waits for a job to have come so far.
 async fn once(service: &Arc<Service>, there: impl Fn(&JobSnapshot) -> bool) -> JobSnapshot {
@@ -83,5 +85,10 @@ async fn a_failed_air_step_tells_only_what_it_measured() {
     assert!(report.delta_v_mm.unwrap().abs() < 0.5, "{report:?}");
     let page = export::html(&service.archive(job.id).await.unwrap());
     assert!(!page.contains("as the picture has it</td>") && !page.contains("tilt x, y"), "{report:?}");
+    // Where the axis stands is known to nobody, and it is moved by nothing before it is homed.
+    let [focus, e] = AxisName::ALL.map(|axis| service.axis_view(axis));
+    assert!(!focus.homed && focus.position_mm.is_none() && e.homed, "{focus:?} {e:?}");
+    let moved = service.move_axis(&permit(&service), AxisName::Focus, Millimetres(0.1)).await;
+    assert!(matches!(moved, Err(ServiceError::Refused(Refusal::NotHomed { axis: AxisName::Focus }))), "{moved:?}");
     assert!(page.contains("probes not counted") && page.contains("depth of field in water</th><td>not measured"));
 }

@@ -97,6 +97,10 @@ impl Stage for StillStage {
         Ok(())
     }
 
+    fn forget_position(&self) {
+        self.state.send_modify(|state| state.homed = false);
+    }
+
     async fn release(&self, _: u64) -> Result<(), DeviceError> {
         Ok(())
     }

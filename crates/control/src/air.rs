@@ -3,6 +3,7 @@
 
 use super::at_pose::AtPose;
 use super::axis_model::{AxisModel, MoveFault, check_move};
+use bench::device::AxisName;
 
 /// What the loop is to reach, and what it may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -188,7 +189,7 @@ impl AirLoop {
                 )
             })
             .observe(observation.reading_mm, observation.delta_v_mm, observation.sigma_mm);
-        if let Some(fault) = self.model.and_then(|model| model.fault("focus", observation.reading_mm)) {
+        if let Some(fault) = self.model.and_then(|model| model.fault(AxisName::Focus, observation.reading_mm)) {
             return AirDecision::Fault(fault);
         }
         self.decide(here, measurements)
@@ -201,7 +202,7 @@ impl AirLoop {
             (Some(one), Some(other)) => one.hypot(other),
             _ => previous.sigma_mm.hypot(here.sigma_mm),
         };
-        check_move("focus", expected, here.delta_v_mm - previous.delta_v_mm, sigma, self.goal.backlash_mm)
+        check_move(AxisName::Focus, expected, here.delta_v_mm - previous.delta_v_mm, sigma, self.goal.backlash_mm)
     }
 
     fn decide(&mut self, here: AirObservation, measurements: u32) -> AirDecision {

@@ -153,7 +153,7 @@ impl Alignment<'_> {
                 AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => {
                     return Err(JobEnd::NotConverged { why });
                 }
-                AirDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
+                AirDecision::Fault(fault) => return Err(fault.into()),
             }
         }
         Err(JobEnd::failed("the air loop did not end; this is a defect of the program"))
@@ -350,8 +350,8 @@ impl Alignment<'_> {
                 (distance, slope.abs() * seen.spacing.spacing_sigma_px)
             });
             let (measured, sigma) = (there.0 - here.0, here.1.hypot(there.1));
-            if let Some(fault) = check_move("e", way, measured, sigma, self.config.bench.e.backlash_mm) {
-                return Err(JobEnd::failed(fault.to_string()));
+            if let Some(fault) = check_move(AxisName::E, way, measured, sigma, self.config.bench.e.backlash_mm) {
+                return Err(fault.into());
             }
             scale.observe(way, measured, sigma.hypot(self.config.bench.e.backlash_mm));
             self.context.log(format!("e moved by {way:.3} mm; the picture shows {measured:.3} ± {sigma:.3} mm"));

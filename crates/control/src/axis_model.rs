@@ -4,6 +4,8 @@
 //! position sharpens it. Readings are always taken after an approach from the same side, so that backlash is part of
 //! the zero.
 
+use bench::device::AxisName;
+
 /// True position against reading: `value = offset + scale (reading − reference)`, with the covariance of offset and
 /// scale. Readings and values in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -63,10 +65,10 @@ impl AxisModel {
         (self.mean[1], self.covariance[1][1].max(0.0).sqrt())
     }
 
-    /// That all moves together have shown another scale than can be learnt, where each was too short to tell: what an axis is
-    /// called, and its reading now, mm.
+    /// That all moves together have shown another scale than can be learnt, where each was too short to tell: which axis, and its
+    /// reading now, mm.
     #[must_use]
-    pub fn fault(&self, axis: &'static str, reading: f64) -> Option<MoveFault> {
+    pub fn fault(&self, axis: AxisName, reading: f64) -> Option<MoveFault> {
         let (scale, sigma) = self.scale();
         let expected_mm = reading - self.reference;
         let beyond = (scale - 1.0).abs() - 4.0 * sigma > SCALE_FAULT;
@@ -88,8 +90,8 @@ pub enum MoveFault {
         "the {axis} axis does not move: the picture shows {measured_mm:.3} mm of the {expected_mm:.3} mm commanded; check the motor, its driver and the coupling, and home the axis before anything else, as it may not stand where it reads"
     )]
     NotMoving {
-        /// The axis's name.
-        axis: &'static str,
+        /// Which axis.
+        axis: AxisName,
         /// The travel expected, mm.
         expected_mm: f64,
         /// The travel seen, mm.
@@ -100,8 +102,8 @@ pub enum MoveFault {
         "the {axis} axis moves the wrong way: the picture shows {measured_mm:.3} mm for {expected_mm:.3} mm commanded; change `reversed` in [bench.{axis}]"
     )]
     Reversed {
-        /// The axis's name.
-        axis: &'static str,
+        /// Which axis.
+        axis: AxisName,
         /// The travel expected, mm.
         expected_mm: f64,
         /// The travel seen, mm.
@@ -112,8 +114,8 @@ pub enum MoveFault {
         "the {axis} axis has the wrong scale or slips: the picture shows {measured_mm:.3} mm for {expected_mm:.3} mm expected; check `steps_per_mm` in [bench.{axis}] and the coupling, and home the axis before anything else, as it may not stand where it reads"
     )]
     WrongScale {
-        /// The axis's name.
-        axis: &'static str,
+        /// Which axis.
+        axis: AxisName,
         /// The travel expected, mm.
         expected_mm: f64,
         /// The travel seen, mm.
@@ -121,6 +123,28 @@ pub enum MoveFault {
     },
 }
 
+impl MoveFault {
+    /// The axis that did not follow.
+    #[must_use]
+    pub const fn axis(&self) -> AxisName {
+        match *self {
+            Self::NotMoving { axis, .. } | Self::Reversed { axis, .. } | Self::WrongScale { axis, .. } => axis,
+        }
+    }
+
+    /// Whether the axis stands so far from where it reads that no rule may go by that. A trim that sticks is no such case.
+    #[must_use]
+    pub fn is_astray(&self) -> bool {
+        match *self {
+            Self::NotMoving { expected_mm, measured_mm, .. }
+            | Self::Reversed { expected_mm, measured_mm, .. }
+            | Self::WrongScale { expected_mm, measured_mm, .. } => (expected_mm - measured_mm).abs() > ASTRAY_MM,
+        }
+    }
+}
+
+/// A tenth of what is usually kept clear between the lens and where it touches the shell, mm.
+const ASTRAY_MM: f64 = 0.05;
 /// Travel that says something about a scale must be this many times its uncertainty.
 pub(super) const TELLING: f64 = 6.0;
 /// One that is seen to follow, this many times.
@@ -132,7 +156,7 @@ pub(super) const SCALE_FAULT: f64 = 0.3;
 /// `measured_mm`, `slack_mm` what backlash may take away. `None` where they agree or nothing can be told.
 #[must_use]
 pub fn check_move(
-    axis: &'static str,
+    axis: AxisName,
     expected_mm: f64,
     measured_mm: f64,
     sigma_mm: f64,
@@ -153,12 +177,12 @@ pub fn check_move(
 }
 
 /// Whether the picture has followed a move: it says enough of it to tell, does not contradict it, and is nearer to what was
-/// expected than to no move at all. `sigma_mm` is the standard uncertainty of `measured_mm`.
+/// expected than to no move at all. `sigma_mm` is the standard uncertainty of `measured_mm`. It is the same for both axes.
 #[must_use]
 pub(super) fn follows(expected_mm: f64, measured_mm: f64, sigma_mm: f64) -> bool {
     expected_mm.abs() > FOLLOWED * sigma_mm
         && measured_mm * expected_mm.signum() > 0.5 * expected_mm.abs()
-        && check_move("", expected_mm, measured_mm, sigma_mm, 0.0).is_none()
+        && check_move(AxisName::E, expected_mm, measured_mm, sigma_mm, 0.0).is_none()
 }
 
 #[cfg(test)]
@@ -189,13 +213,16 @@ mod tests {
 
     #[test]
     fn faults_are_told_apart() {
-        assert_eq!(check_move("e", -0.5, -0.52, 0.01, 0.05), None);
-        assert_eq!(check_move("e", -0.5, -0.47, 0.01, 0.05), None);
-        assert!(matches!(check_move("e", -0.5, 0.001, 0.01, 0.05), Some(MoveFault::NotMoving { .. })));
-        assert!(matches!(check_move("e", -0.5, 0.5, 0.01, 0.05), Some(MoveFault::Reversed { .. })));
-        assert!(matches!(check_move("e", -0.5, -1.0, 0.01, 0.05), Some(MoveFault::WrongScale { .. })));
+        assert_eq!(check_move(AxisName::E, -0.5, -0.52, 0.01, 0.05), None);
+        assert_eq!(check_move(AxisName::E, -0.5, -0.47, 0.01, 0.05), None);
+        assert!(matches!(check_move(AxisName::E, -0.5, 0.001, 0.01, 0.05), Some(MoveFault::NotMoving { .. })));
+        assert!(matches!(check_move(AxisName::E, -0.5, 0.5, 0.01, 0.05), Some(MoveFault::Reversed { .. })));
+        assert!(matches!(check_move(AxisName::E, -0.5, -1.0, 0.01, 0.05), Some(MoveFault::WrongScale { .. })));
         // Nothing can be told from a move that drowns in its uncertainty.
-        assert_eq!(check_move("e", -0.02, 0.03, 0.02, 0.05), None);
+        assert_eq!(check_move(AxisName::E, -0.02, 0.03, 0.02, 0.05), None);
+        // An axis that does not move is not where it reads; by what a trim of it sticks it is.
+        assert!(check_move(AxisName::Focus, -0.5, 0.001, 0.01, 0.05).unwrap().is_astray());
+        assert!(!check_move(AxisName::Focus, 0.03, 0.0, 0.001, 0.002).unwrap().is_astray());
         assert!(follows(-0.5, -0.55, 0.01) && !follows(-0.5, -0.55, 0.3));
         // Neither a dead axis nor a reversed one is followed, however little is known.
         for sigma in [0.02, 0.05, 0.1, 0.2] {

@@ -11,6 +11,7 @@ use tokio::sync::{broadcast, mpsc};
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
+use super::axis_model::MoveFault;
 use super::clock::{JobClock, Part, enter};
 use super::events::Event;
 use super::job::{
@@ -57,6 +58,8 @@ pub(super) enum JobEnd {
     },
     /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
     Repeat(Repeatable),
+    /// The picture has shown that an axis does not stand where it reads.
+    NotFollowed(MoveFault),
     /// Something failed.
     Failed {
         /// What.
@@ -67,6 +70,12 @@ pub(super) enum JobEnd {
 impl JobEnd {
     pub(super) fn failed(why: impl Into<String>) -> Self {
         Self::Failed { why: why.into() }
+    }
+}
+
+impl From<MoveFault> for JobEnd {
+    fn from(fault: MoveFault) -> Self {
+        Self::NotFollowed(fault)
     }
 }
 

@@ -48,11 +48,12 @@ pub(super) async fn run(
     let ended = alignment.carry_out().await;
     let kind = context.snapshot().kind;
     let findings = alignment.findings;
+    let mut astray = None;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
-        Err(JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. })
-            if motion.stop_view().latched =>
-        {
+        Err(
+            JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. } | JobEnd::NotFollowed(_),
+        ) if motion.stop_view().latched => {
             (JobState::Cancelled, context.cancelled_why().unwrap_or_else(|| "stopped".to_owned()))
         }
         Ok(()) => done(kind),
@@ -61,6 +62,10 @@ pub(super) async fn run(
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
         Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why } | JobEnd::TwoBoards { why, .. }) => {
             (JobState::Failed, why)
+        }
+        Err(JobEnd::NotFollowed(fault)) => {
+            astray = fault.is_astray().then(|| fault.axis());
+            (JobState::Failed, fault.to_string())
         }
         Err(JobEnd::Repeat(_)) => (
             JobState::Failed,
@@ -71,6 +76,11 @@ pub(super) async fn run(
     bring_to_rest(context, motion, !good).await;
     let report = is_alignment(kind)
         .then(|| report::report(context, motion, eye, config, design_origin, &findings, state, &reason));
+    // What was measured before is told all the same; but no rule may go by its reading from here on.
+    if let Some(axis) = astray {
+        motion.forget_position(axis);
+        context.log(format!("the {axis} axis is not where it reads: its position is unknown until it is homed"));
+    }
     context.log(format!("{state}: {reason}"));
     telemetry::job_ended(&word(&kind), &state.to_string());
     context.end(state, reason, report).await;

@@ -11,6 +11,7 @@ use super::axis_model::{AxisModel, MoveFault, check_move};
 use super::calibrated::CalibratedCamera;
 use super::room::Room;
 use bench::config::ShellStep;
+use bench::device::AxisName;
 
 /// Share of the estimated distance to the optimum that a move may cover before scale and zero are confirmed.
 const UNCONFIRMED_SHARE: f64 = 0.85;
@@ -263,7 +264,7 @@ impl ShellLoop {
             if e.is_finite() && sigma.is_finite() {
                 self.model.observe(observation.e_reading_mm, e, sigma);
             }
-            if let Some(fault) = self.model.fault("e", observation.e_reading_mm) {
+            if let Some(fault) = self.model.fault(AxisName::E, observation.e_reading_mm) {
                 return ShellDecision::Fault(fault);
             }
         }
@@ -277,7 +278,7 @@ impl ShellLoop {
             let (from, to) = (estimate(previous), estimate(here));
             let sigma = |e: f64, o: ShellObservation| o.sigma_px / self.camera.slope_e(e, o.trim_mm).abs();
             let sigma_mm = sigma(from, previous).hypot(sigma(to, here));
-            return check_move("e", self.model.scale().0 * travel, to - from, sigma_mm, self.goal.backlash_mm);
+            return check_move(AxisName::E, self.model.scale().0 * travel, to - from, sigma_mm, self.goal.backlash_mm);
         }
         let trim = here.trim_mm - previous.trim_mm;
         let e = self.model.predict(here.e_reading_mm).0;
@@ -286,7 +287,7 @@ impl ShellLoop {
         let measured = if self.camera.slope_delta_v(e, here.trim_mm) < 0.0 { measured } else { -measured };
         let sigma_mm = previous.sigma_px.hypot(here.sigma_px) / slope;
         // The focus axis is allowed a micrometre beyond its uncertainty: a trim may be as short as that.
-        let fault = check_move("focus", trim, measured, sigma_mm, 0.002);
+        let fault = check_move(AxisName::Focus, trim, measured, sigma_mm, 0.002);
         let sticks = fault.is_some() && (measured - trim).abs() <= STICKS_MM + TOLD_SIGMAS * sigma_mm;
         self.stuck = if sticks { self.stuck + 1 } else { 0 };
         // It is made again, as if it had not been.

@@ -116,7 +116,7 @@ impl Alignment<'_> {
                     return Ok(());
                 }
                 ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
-                ShellDecision::Fault(fault) => return Err(JobEnd::failed(fault.to_string())),
+                ShellDecision::Fault(fault) => return Err(fault.into()),
             }
         }
         Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))

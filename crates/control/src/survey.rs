@@ -141,7 +141,7 @@ impl Alignment<'_> {
         let reading_mm = self.motion.position_mm(axis)?;
         let spacing = &seen.spacing;
         let fault = way.and_then(|way| way.see(reading_mm, spacing.spacing_px, spacing.spacing_sigma_px));
-        fault.map_or(Ok(()), |fault| Err(JobEnd::failed(fault.to_string())))
+        fault.map_or(Ok(()), |fault| Err(fault.into()))
     }
 
     /// Measures the spacing over time, with nothing moved.

@@ -87,7 +87,7 @@ impl SweptWay {
         self.places.push(here);
         let before = before?;
         let fault = check_move(
-            self.shows.axis().name(),
+            self.shows.axis(),
             here.reading_mm - before.reading_mm,
             here.shown_mm - before.shown_mm,
             before.sigma_mm.hypot(here.sigma_mm),
@@ -141,7 +141,10 @@ mod tests {
             assert_eq!(faults(shows, &spacing, &healthy), [], "{step}");
             let dead: Vec<_> = (0..40).map(|n| at(n, n.saturating_sub(4))).collect();
             let found = faults(shows, &spacing, &dead);
-            assert!(found.iter().any(|fault| matches!(fault, MoveFault::NotMoving { axis: "focus", .. })), "{step}");
+            assert!(
+                found.iter().any(|fault| matches!(fault, MoveFault::NotMoving { axis: AxisName::Focus, .. })),
+                "{step}"
+            );
             let reversed: Vec<_> = healthy.iter().map(|&(reading, truly)| (reading, -truly)).collect();
             assert!(matches!(faults(shows, &spacing, &reversed)[0], MoveFault::Reversed { .. }), "{step}");
         }
@@ -155,7 +158,7 @@ mod tests {
         let camera = camera();
         let places = [(12.0, 12.0), (11.0, 11.1), (10.0, 10.0), (9.0, 10.0)];
         let found = faults(Shows::EThroughShell(camera), |e_mm| camera.spacing_px(e_mm, 0.0), &places);
-        assert!(matches!(found[..], [MoveFault::NotMoving { axis: "e", .. }]), "{found:?}");
+        assert!(matches!(found[..], [MoveFault::NotMoving { axis: AxisName::E, .. }]), "{found:?}");
         let (design, d) = (camera.design, camera.lens_to_mla_mm);
         let far_mm = design.main_lens.object_distance(d + design.mla.a());
         let spacing = |e_mm: f64| {
@@ -164,6 +167,6 @@ mod tests {
         };
         let places = [(0.0, 0.0), (2.0, 2.1), (4.0, 4.0), (8.0, 4.0)];
         let found = faults(Shows::EInAir(camera), spacing, &places);
-        assert!(matches!(found[..], [MoveFault::NotMoving { axis: "e", .. }]), "{found:?}");
+        assert!(matches!(found[..], [MoveFault::NotMoving { axis: AxisName::E, .. }]), "{found:?}");
     }
 }

@@ -266,6 +266,10 @@ pub trait Stage: Send + Sync {
     /// When the controller does not answer, is in alarm, or the axis moves.
     async fn set_position(&self, position: Millimetres, generation: u64) -> Result<(), DeviceError>;
 
+    /// Counts the position as unknown from now on: it was seen that the axis does not stand where it reads. Moves
+    /// nothing, and writes nothing into the controller.
+    fn forget_position(&self);
+
     /// Moves straight to `target` at `speed_mm_per_s`, or at the axis's greatest speed where that is less, and returns
     /// when the axis has been reported at rest twice, with the readback. Does not check limits beyond the controller's
     /// own, compensates no backlash.

@@ -427,6 +427,12 @@ impl Motion {
         Ok(self.bench.stage(claim.axis()).release(claim.generation()).await?)
     }
 
+    /// Counts where an axis stands as unknown until it is homed, or until that is said: it was seen not to follow.
+    pub(super) fn forget_position(&self, axis: AxisName) {
+        self.state().approached[index(axis)] = false;
+        self.bench.stage(axis).forget_position();
+    }
+
     /// Asks an axis's controller for its state.
     ///
     /// # Errors

@@ -121,6 +121,7 @@ impl Service {
                 | JobEnd::Unmeasurable { why }
                 | JobEnd::Cancelled { why }
                 | JobEnd::NotConverged { why } => why,
+                JobEnd::NotFollowed(fault) => fault.to_string(),
                 JobEnd::Repeat(_) => "a step was asked for again where none was asked".to_owned(),
             })?;
         }

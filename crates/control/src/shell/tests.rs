@@ -216,7 +216,7 @@ fn an_axis_that_slips_all_the_way_ends_the_loop() {
     for sigma in [0.004, 0.02, 0.06] {
         let slipping = run(ShellStep::TranslateEThenTrim, |q| 30.0 + 0.6 * (q - 30.0), 0.0, 0.0, sigma);
         let last = slipping.decisions.last();
-        let told = matches!(last, Some(ShellDecision::Fault(MoveFault::WrongScale { axis: "e", .. })));
+        let told = matches!(last, Some(ShellDecision::Fault(MoveFault::WrongScale { axis: AxisName::E, .. })));
         assert!(told, "σ = {sigma} px: {:?}", slipping.decisions);
     }
 }

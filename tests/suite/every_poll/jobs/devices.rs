@@ -77,6 +77,10 @@ impl Stage for Told {
         self.stage.move_at(target, speed, generation).await
     }
 
+    fn forget_position(&self) {
+        self.stage.forget_position();
+    }
+
     async fn release(&self, generation: u64) -> Result<(), DeviceError> {
         self.arrived("release");
         self.stage.release(generation).await

@@ -169,6 +169,10 @@ impl Stage for ReplayedStage {
         }
     }
 
+    fn forget_position(&self) {
+        self.tape.states[index(self.axis)].send_modify(|state| state.homed = false);
+    }
+
     async fn release(&self, _: u64) -> Result<(), DeviceError> {
         self.recorded("release")
     }

@@ -159,6 +159,12 @@ impl Axis {
         });
     }
 
+    /// Forgets where home is: the position is unknown.
+    pub fn forget_home(&self) {
+        *self.home_lock() = None;
+        self.state.send_modify(|state| state.homed = false);
+    }
+
     fn home_lock(&self) -> MutexGuard<'_, Option<f64>> {
         self.home.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -225,9 +231,8 @@ impl AxisLink {
     /// Forgets where home is: the position is unknown.
     pub fn forget_home(&self) {
         if self.live.load(Ordering::SeqCst) {
-            *self.axis.home_lock() = None;
+            self.axis.forget_home();
         }
-        self.modify(|state| state.homed = false);
     }
 }
 

@@ -360,6 +360,10 @@ impl Stage for ControllerStage {
             .await
     }
 
+    fn forget_position(&self) {
+        self.axis().forget_home();
+    }
+
     async fn move_at(
         &self,
         target: Millimetres,
