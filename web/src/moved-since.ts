@@ -12,11 +12,12 @@ export function hasMoved(then: number | null | undefined, now: number | null | u
 }
 
 /** Whether an axis stands elsewhere than when an alignment ended, or its place has been lost since. */
-export function movedSince({ report }: Pick<Job, "report">, bench: Bench | null): boolean {
-  if (!report || !bench) return false;
+export function movedSince({ report }: Pick<Job, "report">, bench: Bench | null): "moved" | "lost" | null {
+  if (!report || !bench) return null;
   const then = { focus: report.focus_readback_mm, e: report.e_readback_mm };
-  return bench.axes.some(({ axis, position_mm: now }) => {
-    const at = then[axis];
-    return typeof at === "number" && (typeof now !== "number" || hasMoved(at, now));
-  });
+  if (bench.axes.some(({ axis, position_mm: now }) => hasMoved(then[axis], now))) return "moved";
+  const lost = bench.axes.some(
+    ({ axis, position_mm: now }) => typeof then[axis] === "number" && typeof now !== "number",
+  );
+  return lost ? "lost" : null;
 }

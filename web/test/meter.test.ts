@@ -417,6 +417,9 @@ describe("the advice", () => {
     expect(gone.main).toMatch(/^The e axis cannot be moved now\. Move MLA and sensor /);
     for (const barred of [{ fault: "locked" }, { homed: false }])
       expect(of({ axes: [{ ...focus, ...barred }, e] })).toMatchObject({ other: null });
+    // What the air step has set is not to be undone for an e axis that has only to be homed.
+    const lost = of({ axes: [focus, { ...e, homed: false }] });
+    expect(lost).toEqual({ main: hindered.unhomed.e, other: null });
   });
 
   it("begins each of its sentences as one, in each language", () => {
@@ -432,7 +435,9 @@ describe("the advice", () => {
           meter.doubtedMore(""),
         ],
         ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],
-        ...[meter.grows, meter.shrinks, hindered.out, hindered.past].flatMap((of) => Object.values(of)),
+        ...[meter.grows, meter.shrinks, hindered.out, hindered.unhomed, hindered.past].flatMap((of) =>
+          Object.values(of),
+        ),
         ...[hindered.stopped, hindered.history],
         ...[away, towards, grow, shrink].map((of) => of("1 mm")),
       ];

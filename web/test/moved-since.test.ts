@@ -9,9 +9,9 @@ it("tells an axis that was moved after an alignment from a servo that holds its 
     ...bench,
     axes: bench.axes.map((axis) => ({ ...axis, position_mm: axis.axis === "focus" ? focus : e })),
   });
-  expect(movedSince({ report }, at(2.101, 1.659))).toBe(false);
-  expect(movedSince({ report }, at(2.2, 1.66))).toBe(true);
-  expect(movedSince({ report }, at(2.1, 1.67))).toBe(true);
-  expect(movedSince({ report }, at(null, 1.66))).toBe(true);
-  expect(movedSince({ report: null }, at(5, 5))).toBe(false);
+  expect(movedSince({ report }, at(2.101, 1.659))).toBe(null);
+  expect(movedSince({ report }, at(2.2, 1.66))).toBe("moved");
+  expect(movedSince({ report }, at(2.1, 1.67))).toBe("moved");
+  expect(movedSince({ report }, at(null, 1.66))).toBe("lost");
+  expect(movedSince({ report: null }, at(5, 5))).toBe(null);
 });

@@ -5,8 +5,10 @@ import type * as en from "../en/job";
 export const job: typeof en.job = {
   title: "Auftrag",
   none: "Seit dem Start des Dienstes lief kein Auftrag.",
-  movedSince:
-    "Die Achsen wurden seither bewegt: So endete der Auftrag; so steht die Kamera jetzt nicht mehr.",
+  since: {
+    moved: "Die Achsen wurden seither bewegt: So endete der Auftrag; so steht die Kamera jetzt nicht mehr.",
+    lost: "Wo eine Achse steht, ist nicht mehr bekannt: So endete der Auftrag; so steht die Kamera jetzt vielleicht nicht mehr.",
+  },
   gone: "Diesen Auftrag gibt es im Verlauf nicht.",
   start: "Starten",
   startTitle: "Auftrag starten",

@@ -141,6 +141,10 @@ export const meter: typeof en.meter = {
       e: "Die e-Achse lässt sich zurzeit nicht verfahren",
       delta_v: "Die Fokusachse lässt sich zurzeit nicht verfahren",
     },
+    unhomed: {
+      e: "Die e-Achse ist nicht referenziert: Referenzieren Sie sie zuerst",
+      delta_v: "Die Fokusachse ist nicht referenziert: Referenzieren Sie sie zuerst",
+    },
     past: {
       e: "Die e-Achse reicht nicht so weit, wie sie müsste",
       delta_v: "Die Fokusachse reicht nicht so weit, wie sie müsste",

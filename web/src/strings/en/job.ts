@@ -6,7 +6,10 @@ import type { Iteration, JobKind, JobState, TimeSpent } from "../../wire";
 export const job = {
   title: "Job",
   none: "No job has been run since the daemon started.",
-  movedSince: "The axes have been moved since: this is how the job ended, not how the camera stands now.",
+  since: {
+    moved: "The axes have been moved since: this is how the job ended, not how the camera stands now.",
+    lost: "It is not known any more where an axis stands: this is how the job ended, perhaps not how the camera stands now.",
+  },
   gone: "There is no such job in the history.",
   start: "Start",
   startTitle: "Start a job",

@@ -147,6 +147,10 @@ export const meter = {
       e: "The e axis cannot be moved now",
       delta_v: "The focus axis cannot be moved now",
     } satisfies Record<Moved, string>,
+    unhomed: {
+      e: "The e axis is not homed: home it first",
+      delta_v: "The focus axis is not homed: home it first",
+    } satisfies Record<Moved, string>,
     past: {
       e: "The e axis cannot go as far as it would have to",
       delta_v: "The focus axis cannot go as far as it would have to",

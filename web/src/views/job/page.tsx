@@ -93,6 +93,7 @@ function useCard(over: boolean) {
 function JobCard(given: Given & { job: Job; present: boolean }) {
   const { job, present } = given;
   const over = isFinal(job.state);
+  const since = present ? movedSince(job, given.state.bench) : null;
   const { unit } = given.state.preferences;
   const card = useCard(over);
   return (
@@ -113,7 +114,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
           {sentence(reworded(job.reason, unit))}
         </p>
       )}
-      {present && movedSince(job, given.state.bench) && <p class="moved-since">{strings.job.movedSince}</p>}
+      {since && <p class="moved-since">{strings.job.since[since]}</p>}
       <Steps {...given} />
       {present && <WayOn {...given} />}
       {!over && <HandOn {...given} />}
