@@ -105,6 +105,11 @@ async fn the_shell_step_brings_the_focus_axis_back_to_where_the_air_step_left_it
         let first = job.iterations.first().unwrap();
         assert!((first.focus_mm.unwrap() - left_mm).abs() < 0.002, "{by_mm} mm: {first:?}");
     }
+    // The air step holds as well where the e axis has been lost, and a shell that is on is not in that one's way home.
+    service.bench().e.forget_position();
+    let job = run(&service, JobRequest::of(JobKind::ShellOnly)).await;
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    assert!(job.log.iter().any(|line| line.message.contains("where the e axis stands is not known")), "{:#?}", job.log);
 }
 
 /// Where somebody has left an axis by hand is no obstacle either: what a first move has no room for there, a homing makes.

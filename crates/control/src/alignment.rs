@@ -196,8 +196,13 @@ impl Alignment<'_> {
 
     /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked, by homing: that
     /// way is the same whatever the axis's coordinate is like, and makes its zero new. So does it where e stands too near an
-    /// end of its travel to be parked. An axis that homes on the shell's side is left where it is.
+    /// end of its travel to be parked. An axis that homes on the shell's side is left where it is. One whose place is not known
+    /// is homed, where no shell is in its way.
     pub(super) async fn withdraw_e(&mut self, plan: &Plan) -> Result<(), JobEnd> {
+        if self.motion.position_mm(AxisName::E).is_err() {
+            self.context.log("where the e axis stands is not known: it is homed");
+            self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
+        }
         let nearer_mm = plan.mount_e_mm - self.motion.position_mm(AxisName::E)?;
         if nearer_mm.abs() <= plan.e_tolerance_mm {
             return Ok(());
