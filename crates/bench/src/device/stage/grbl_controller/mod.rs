@@ -207,10 +207,10 @@ fn device_error(name: &str, dialect: Dialect, what: &str, error: PortError) -> D
         PortError::Refused(line) => {
             DeviceError::Refused { device, reason: format!("{line}: {}", grbl::error_meaning(&line, dialect)) }
         }
-        PortError::Halted(line) => DeviceError::Alarm {
-            device,
-            reason: Alarm::from_line(&line, dialect).map_or_else(|| line.clone(), |alarm| alarm.to_string()),
-        },
+        PortError::Halted(line) => {
+            let alarm = Alarm::from_line(&line, dialect).map_or_else(|| line.clone(), |alarm| alarm.to_string());
+            DeviceError::Alarm { device, reason: format!("{alarm}; it was to {what}") }
+        }
         PortError::Restarted | PortError::Cancelled | PortError::OutOfStep => {
             DeviceError::Refused { device, reason: error.to_string() }
         }
