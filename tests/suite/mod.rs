@@ -10,6 +10,7 @@ mod audit_kept;
 mod batch;
 mod bench;
 mod bench_table;
+mod bubbles;
 mod budget;
 mod calibration;
 mod cameras;

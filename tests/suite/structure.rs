@@ -202,6 +202,7 @@ const ESTIMATOR: &[(&str, &str)] = &[
     ("struct Normal", "normal.rs"),
     ("fn check_texture", "normal.rs"),
     ("fn noise_scale", "normal.rs"),
+    ("fn refined", "normal.rs"),
     ("struct Random", "random.rs"),
     ("struct Exposure", "exposure.rs"),
 ];

@@ -10,7 +10,7 @@ use crate::imaging::matching::gains::{Gains, Light};
 use crate::imaging::matching::masks::{MARGIN_PX, MASK_FRACTION, mask_radius};
 use crate::imaging::matching::model::{FIELD_TERMS, Model, QUANTISATION, USUAL_TERMS};
 use crate::imaging::matching::motion::Motion;
-use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, noise_scale};
+use crate::imaging::matching::normal::{Compared, LEAST_CORRELATION, LEAST_PAIRS, Normal, Refined, noise_scale};
 use crate::imaging::matching::plan::Plan;
 use crate::imaging::matching::pupil::Pupil;
 use crate::imaging::matching::random::{Random, Setting};
@@ -298,12 +298,19 @@ impl Engine {
             let compared = Compared { jobs: &plan.jobs, noise };
             let unevenness = unevenness(&compared, normal, &before, self.pupil.blur(model.spacings[0]));
             ended(LivePart::Boards);
-            let scatter = normal.scatter(&before, &inverse, &step);
             let window_px = f64::from(shape.edge) - 0.5;
             let free = self.pupil.corrected(model.spacings[0], window_px);
             check_range(&self.options.of_spacing(), free.spacing)?;
-            let mut covariance = before.usual(&scatter).map(|row| row.map(|value| value * free.slope * free.slope));
-            let sigma_random_px = sigma_random_px * free.slope;
+            let mut seen = model.clone();
+            let (scatter, noise) = match normal.refined(&[compared], &before) {
+                Some(Refined { change, covariance, noise }) => {
+                    seen.advance(&change);
+                    (covariance, noise)
+                }
+                None => (normal.scatter(&before, &inverse, &step), 1.0),
+            };
+            let mut covariance = before.usual(&(scatter * free.slope.powi(2)));
+            let sigma_random_px = sigma_random_px * free.slope * noise;
             let least = if normal.spare(before.unknowns()) < LEAST_SPARE { sigma_random_px } else { 0.0 };
             let sigma_scatter_px = covariance[0][0].sqrt().max(least);
             covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, free.sigma);
@@ -311,9 +318,9 @@ impl Engine {
             let residual_ratio = normal.residual;
             self.state = Some(State { model: model.clone(), noise_scale: Some(noise_scale(scale, residual_ratio)) });
             let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px, ..] =
-                model.terms.map(|term| term * free.slope);
+                seen.terms.map(|term| term * free.slope);
             return Ok(LiveSpacing {
-                on_axis_px: free.spacing,
+                on_axis_px: free.spacing + free.slope * (seen.spacings[0] - model.spacings[0]),
                 sigma_px: covariance[0][0].sqrt(),
                 sigma_scatter_px,
                 sigma_random_px,

@@ -1,5 +1,7 @@
 //! All pairs together: one weighted normal equation for the spacing of each region and the terms they share.
 
+use std::slice;
+
 use nalgebra::{DMatrix, DVector, SMatrix};
 
 use super::model::{BLOCKS, LOCAL, Local, Model, WIDE_TERMS};
@@ -22,6 +24,19 @@ const NOTHING: f64 = 0.05;
 /// Standard uncertainty (px) of a spacing up to which it can be settled that way: far from focus, in noise, single frames of
 /// few micro-images have up to 0.15, frames that show no board at all 0.3.
 const SETTLED_SIGMA_PX: f64 = 0.2;
+/// Pairs that leave so many times what they may, or what the lower quartile leaves, are odd ones; and the share of them from
+/// which on all are weighed strictly as well. Clean frames have up to 0.005; with 12 bubbles they have 0.09, with 20 in strong
+/// noise 0.04 and more.
+const ODD: f64 = 4.0;
+const LEAST_ODD: f64 = 0.02;
+/// Misfit at which a pair strictly weighed counts half, in units of the lower quartile's. Sharp edges leave so many times as
+/// much as other contents.
+const STRICT: f64 = 1.5;
+const STRICT_LIMITS: f32 = 3.5;
+/// Share of the information that strict weights have to leave.
+const LEAST_LEFT: f64 = 0.2;
+/// Share of what strict weights change that stays uncertain.
+const PULL_LEFT: f64 = 0.2;
 /// Field blocks of a frame.
 const FRAME_BLOCKS: usize = BLOCKS * BLOCKS;
 
@@ -34,6 +49,27 @@ struct Cell {
     gradient: Local,
     /// About what the noise of one grey level makes of the gradient's covariance.
     random: LocalMatrix,
+}
+
+/// How pairs are weighed by how well they match.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+enum Weighing {
+    /// Those that do not match at all count little: the way from afar is found by this, and a frame judged.
+    #[default]
+    Lenient,
+    /// Those that match less than most count next to nothing.
+    Strict,
+}
+
+/// What strict weights change of a fit.
+#[derive(Debug, Clone)]
+pub(in crate::imaging) struct Refined {
+    /// By what the unknowns change.
+    pub(in crate::imaging) change: DVector<f64>,
+    /// Their covariance, from the scatter between field blocks and from the change.
+    pub(in crate::imaging) covariance: DMatrix<f64>,
+    /// By what the first unknown's standard uncertainty from noise is multiplied.
+    pub(in crate::imaging) noise: f64,
 }
 
 /// The normal equation at one state of the model.
@@ -54,8 +90,9 @@ pub(in crate::imaging) struct Normal {
     pub(in crate::imaging) contents: Contents,
     /// Median of the pairs' residuals.
     pub(in crate::imaging) residual: f64,
-    /// Median of the pairs' misfits, by frame.
-    misfits: Vec<f64>,
+    weighing: Weighing,
+    /// The misfit at which a pair counts half, by frame.
+    halves: Vec<f64>,
     sorted: Vec<f32>,
 }
 
@@ -71,9 +108,46 @@ impl Normal {
     /// Weight of a pair of a frame by how well it matches: pairs that see an edge in depth, a bubble or a reflection
     /// count little.
     pub(in crate::imaging) fn weight(&self, frame: usize, score: &PairScore) -> f64 {
-        // Four times what is usual is where doubt begins.
-        let usual = 4.0 * self.misfits[frame].max(1.0);
-        1.0 / (1.0 + (f64::from(score.misfit) / usual).powi(2))
+        let (misfit, power) = match self.weighing {
+            Weighing::Lenient => (score.misfit, 2),
+            Weighing::Strict => (score.misfit_with_limits(STRICT_LIMITS), 8),
+        };
+        1.0 / (1.0 + (f64::from(misfit) / self.halves[frame]).powi(power))
+    }
+
+    /// What changes where the pairs of frames that were gathered at a state of the model, and accepted by that, are weighed
+    /// strictly. `None` where hardly any is odd, or where too little would be left.
+    ///
+    /// A bubble that covers a part of a micro-image, or blurs its edge over it, has pairs match a little worse and pulls them
+    /// all to one side. Whether there is a spacing at all is no question for strict weights: of pairs that match by chance
+    /// they leave the best.
+    pub(in crate::imaging) fn refined(&self, frames: &[Compared<'_>], model: &Model) -> Option<Refined> {
+        let mut strict = Self { weighing: Weighing::Strict, ..Self::default() };
+        let (mut odd, mut pairs) = (0, 0);
+        for frame in frames {
+            let usual = strict.usual(frame).max(1.0);
+            odd += strict.sorted.iter().filter(|&&misfit| f64::from(misfit) > ODD * usual).count();
+            pairs += strict.sorted.len();
+        }
+        if (odd as f64) < LEAST_ODD * pairs as f64 {
+            return None;
+        }
+        strict.gather(frames, model);
+        if strict.texture[0] < LEAST_LEFT * self.texture[0] {
+            return None;
+        }
+        let [before, inverse] = [self.inverse()?, strict.inverse()?];
+        let step = strict.step(&inverse);
+        let change = &step - self.step(&before);
+        let mut covariance = strict.scatter(model, &inverse, &step);
+        covariance.ger(PULL_LEFT * PULL_LEFT, &change, &change, 1.0);
+        let noise = |normal: &Self, inverse: &DMatrix<f64>| -> f64 {
+            let along = model.local(&inverse.column(0).into_owned(), 0);
+            let of = |(k, frame): (usize, &Compared<'_>)| normal.random(k, 0, &along) * frame.noise.powi(2);
+            frames.iter().enumerate().map(of).sum()
+        };
+        let noise = (noise(&strict, &inverse) / noise(self, &before)).sqrt();
+        Some(Refined { change, covariance, noise })
     }
 
     /// Gathers what the pairs of all frames said at a state of the model.
@@ -85,12 +159,16 @@ impl Normal {
         self.region_pairs.clear();
         self.region_pairs.resize(self.regions, 0);
         self.contents = Contents::default();
-        self.misfits.clear();
+        self.halves.clear();
         for frame in frames {
-            let misfit = self.median(std::slice::from_ref(frame), |score| score.misfit);
-            self.misfits.push(misfit);
+            let usual = self.usual(frame);
+            self.halves.push(match self.weighing {
+                // Four times what is usual is where doubt begins.
+                Weighing::Lenient => 4.0 * usual.max(1.0),
+                Weighing::Strict => STRICT * usual,
+            });
         }
-        self.residual = self.median(frames, |score| score.residual);
+        self.residual = self.quantile(frames, 0.5, |score| score.residual);
         for (k, frame) in frames.iter().enumerate() {
             self.add(k, frame, model);
         }
@@ -171,15 +249,25 @@ impl Normal {
         (significance > LEAST_DEMAND * more.len() as f64).then_some(wider.free)
     }
 
-    fn median(&mut self, frames: &[Compared<'_>], value: impl Fn(&PairScore) -> f32) -> f64 {
+    /// What most pairs of a frame leave at most; strictly, what the best leave.
+    fn usual(&mut self, frame: &Compared<'_>) -> f64 {
+        match self.weighing {
+            Weighing::Lenient => self.quantile(slice::from_ref(frame), 0.5, |score| score.misfit),
+            Weighing::Strict => {
+                self.quantile(slice::from_ref(frame), 0.25, |score| score.misfit_with_limits(STRICT_LIMITS))
+            }
+        }
+    }
+
+    fn quantile(&mut self, frames: &[Compared<'_>], share: f64, value: impl Fn(&PairScore) -> f32) -> f64 {
         let scores = frames.iter().flat_map(|frame| frame.jobs).flat_map(|job| &job.scores);
         self.sorted.clear();
         self.sorted.extend(scores.filter(|score| score.compared()).map(value));
         if self.sorted.is_empty() {
             return 0.0;
         }
-        let middle = self.sorted.len() / 2;
-        f64::from(*self.sorted.select_nth_unstable_by(middle, f32::total_cmp).1)
+        let place = (share * self.sorted.len() as f64) as usize;
+        f64::from(*self.sorted.select_nth_unstable_by(place, f32::total_cmp).1)
     }
 
     /// The inverse of the information, which is positive definite where the pairs determine every unknown.
@@ -381,8 +469,33 @@ mod tests {
     }
 
     #[test]
+    fn strict_weights_take_out_what_pulls_and_leave_a_clean_frame_alone() {
+        let model = Model { free: (0..USUAL_TERMS).collect(), ..Model::flat(vec![0.0; 2]) };
+        let truth = DVector::zeros(model.unknowns());
+        let refined = |pulled_one_in: usize| {
+            let mut job = job(&model, &truth, true);
+            for (k, score) in job.scores.iter_mut().enumerate() {
+                let pulled = k % pulled_one_in == 1;
+                score.misfit = if pulled { 5.0 } else { 0.9 };
+                score.residual = score.misfit;
+                score.energy = [50.0, 40.0];
+                score.score[0] += if pulled { 0.5 * score.information[0][0] } else { 0.0 };
+            }
+            let (jobs, mut normal) = ([job], Normal::default());
+            let compared = [Compared { jobs: &jobs, noise: 2.0 }];
+            normal.gather(&compared, &model);
+            let step = normal.step(&normal.inverse().unwrap());
+            normal.refined(&compared, &model).map(|refined| (step[0], refined))
+        };
+        assert!(refined(80).is_none());
+        let (pulled, Refined { change, covariance, noise }) = refined(10).unwrap();
+        assert!(pulled > 0.01 && (pulled + change[0]).abs() < 1e-3, "{pulled} {}", change[0]);
+        assert!(covariance[(0, 0)].sqrt() >= PULL_LEFT * change[0].abs() && (0.8..1.5).contains(&noise), "{noise}");
+    }
+
+    #[test]
     fn pairs_that_match_badly_count_little() {
-        let normal = Normal { misfits: vec![3.0, 0.5], ..Normal::default() };
+        let normal = Normal { halves: vec![12.0, 4.0], ..Normal::default() };
         let weight = |misfit| normal.weight(1, &PairScore { misfit, ..PairScore::default() });
         assert!(weight(0.5) > 0.98 && weight(4.0) == 0.5 && weight(40.0) < 0.01);
     }

@@ -171,4 +171,10 @@ impl PairScore {
     pub(in crate::imaging) fn compared(&self) -> bool {
         !self.score[0].is_nan()
     }
+
+    /// The misfit with so many times as much left to the model's limits.
+    pub(in crate::imaging) fn misfit_with_limits(&self, times: f32) -> f32 {
+        let noise = self.residual.recip();
+        (noise + times * (self.misfit.recip() - noise).max(0.0)).recip()
+    }
 }

@@ -48,7 +48,7 @@ pub use search::{GALILEAN_RANGE, KEPLERIAN_RANGE, capture_range, correlation_map
 pub use super::matching::masks::{MASK_FRACTION, nominal_mask_radius};
 use super::matching::model::{BLOCKS, FIELD_TERMS, Model, USUAL_TERMS};
 pub use super::matching::normal::LEAST_PAIRS;
-use super::matching::normal::{LEAST_CORRELATION, noise_scale};
+use super::matching::normal::{Compared, LEAST_CORRELATION, noise_scale};
 use super::matching::plan::GOLDEN;
 use super::matching::pupil::Corrected;
 use crate::optics::MlaMode;
@@ -223,29 +223,39 @@ fn measure<'a>(frames: &'a [SpacingFrame], options: &SpacingOptions) -> Result<(
     let Fitted { regions, model, solver, free } = &fitted;
     let slope = free[0].slope;
     let mut covariance = model.usual(&regions.covariance);
-    let sigma_random_px = regions.sigmas_random_px[0];
+    let mut sigma_random_px = regions.sigmas_random_px[0];
     let two_boards = boards::two_boards(solver, model, options);
     let several_boards = are_several(covariance[0][0], sigma_random_px);
-    covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, fitted.free[0].sigma);
     if !several_boards && !options.at_rest {
         let mut smears = frames.iter().zip(&solver.radii).filter_map(|(f, &radius)| smear::smear(f, model, radius));
         if let Some(smear) = smears.find(|s| s.square > SMEAR_SIGNIFICANCE * s.sigma.hypot(SMEAR_SIGMA)) {
             return Err(SpacingError::Moved { change_px: smear.square.sqrt() });
         }
     }
+    // All that a frame is refused for has been asked, of all pairs: strict weights make none acceptable.
+    let compared: Vec<Compared<'_>> = solver.compared().collect();
+    let mut seen = model.clone();
+    if let Some(refined) = solver.normal.refined(&compared, model) {
+        seen.advance(&refined.change);
+        covariance = model.usual(&(refined.covariance * slope.powi(2)));
+        sigma_random_px *= refined.noise;
+    }
+    covariance[0][0] = whole_variance(covariance[0][0], sigma_random_px, free[0].sigma);
     let bound = || bound::bound(solver, model).ok_or(SpacingError::NoTexture { noise: frames[0].noise });
     let sigma_bound_px = if options.bound { Some(slope * bound()?) } else { None };
+    let [tilt_x_px, tilt_y_px, curvature_px, astigmatism_px, row_column_px, diagonal_px, ..] =
+        seen.terms.map(|term| slope * term);
     let spacing = Spacing {
-        on_axis_px: regions.spacings_px[0],
+        on_axis_px: regions.spacings_px[0] + slope * (seen.spacings[0] - model.spacings[0]),
         sigma_px: covariance[0][0].sqrt(),
         sigma_random_px,
         sigma_bound_px,
-        tilt_x_px: regions.field_px[0],
-        tilt_y_px: regions.field_px[1],
-        curvature_px: regions.field_px[2],
-        astigmatism_px: slope * model.terms[FIELD_TERMS],
-        row_column_px: slope * model.terms[FIELD_TERMS + 1],
-        diagonal_px: slope * model.terms[FIELD_TERMS + 2],
+        tilt_x_px,
+        tilt_y_px,
+        curvature_px,
+        astigmatism_px,
+        row_column_px,
+        diagonal_px,
         covariance,
         window_px: regions.window_px,
         pairs: regions.pairs[0],
