@@ -4,9 +4,10 @@
 use std::sync::Arc;
 
 use plenalign::config::{Config, Texture};
-use plenalign::imaging::live::{LiveMeter, LiveOptions};
-use plenalign::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, measure_frame};
+use plenalign::imaging::live::{LiveError, LiveMeter, LiveOptions};
+use plenalign::imaging::measurement::{FrameOptions, MeasurementError, WhiteModel, expected_grid, measure_frame};
 use plenalign::imaging::spacing::{Spacing, SpacingError};
+use plenalign::imaging::vignetting::VignettingError;
 use plenalign::optics::{CameraDesign, MlaMode};
 use plenalign::raw::RawImage;
 use plenalign::sim::exposure::{Noise, expose};
@@ -23,11 +24,15 @@ struct Camera {
     e: Option<f64>,
     seed: u64,
     size: usize,
+    /// The aperture, in those of Δv = 0.
+    opened: f64,
+    /// To how many pixels either side of its place the light that falls on the sensor is spread, each way.
+    spread_px: usize,
 }
 
 impl Camera {
     fn new(e: Option<f64>, seed: u64, size: usize) -> Self {
-        Self { design: Config::default().design(), e, seed, size }
+        Self { design: Config::default().design(), e, seed, size, opened: 1.0, spread_px: 0 }
     }
 
     fn options(&self) -> FrameOptions {
@@ -38,11 +43,13 @@ impl Camera {
         let medium = self.e.map_or(Medium::Air, |e| Medium::Water { shell: self.design.shell, e, decentre: [0.0; 2] });
         let medium = if matches!(scene, Scene::Diffuser) { Medium::Air } else { medium };
         let mut camera = CameraTruth::from_design(&self.design, delta_v, medium, PIXEL_MM, self.size, self.size);
-        camera.aperture = self.design.aperture(0.0);
+        camera.aperture = self.opened * self.design.aperture(0.0);
         camera.rotation = (0.37 * self.seed as f64).sin() * 0.017;
         camera.offset = [1.7, 2.9].map(|turns| (turns * self.seed as f64).sin() * 14.0);
         let rays = RenderOptions { rays: 16, seed: self.seed };
-        expose(&render(&camera, scene, rays), self.size, self.size, &Noise::default(), seed)
+        let light =
+            spread(&spread(&render(&camera, scene, rays), self.size, self.spread_px), self.size, self.spread_px);
+        expose(&light, self.size, self.size, &Noise::default(), seed)
     }
 
     /// What a white frame at a Δv (mm) teaches.
@@ -72,6 +79,61 @@ impl Camera {
 
     fn measured(&self, raw: &RawImage, white: &WhiteModel) -> Result<Spacing, MeasurementError> {
         measure_frame(raw, Some(white), &self.options()).map(|seen| seen.spacing)
+    }
+}
+
+/// Light with each row's spread evenly to so many pixels either side, and columns made rows.
+fn spread(light: &[f32], size: usize, by: usize) -> Vec<f32> {
+    let at = |x: usize, y: usize| {
+        let near = &light[y * size..][x.saturating_sub(by)..(x + by + 1).min(size)];
+        near.iter().sum::<f32>() / near.len() as f32
+    };
+    (0..size * size).map(|k| at(k / size, k % size)).collect()
+}
+
+/// What is spread within its micro-image, after the microlens has cut it out, moves outwards there: by hundredths of a pixel where
+/// that is told, by tenths beyond.
+#[test]
+fn a_picture_that_is_blurred_as_a_whole_is_not_measured() {
+    let sharp = Camera::new(None, 1, 560);
+    let white = sharp.white(1.5);
+    let (options, grid) = (LiveOptions::new(0.1 / PIXEL_MM), &white.grid);
+    for (spread_px, told) in [(0, false), (1, false), (2, false), (4, true), (6, true)] {
+        let (raw, truly) = Camera { spread_px, ..Camera::new(None, 1, 560) }.board(1.5);
+        let found = sharp.measured(&raw, &white);
+        let live = LiveMeter::new(grid, &white.vignetting, options).unwrap().acquire(&raw);
+        println!("spread by {spread_px} px: {:?}", found.as_ref().map(|seen| [seen.on_axis_px - truly, seen.sigma_px]));
+        if told {
+            let why = found.unwrap_err();
+            assert!(
+                matches!(why, MeasurementError::Vignetting(VignettingError::Blurred { .. })),
+                "{spread_px} px: {why}"
+            );
+            assert!(
+                matches!(live, Err(LiveError::Vignetting(VignettingError::Blurred { .. }))),
+                "{spread_px} px: {live:?}"
+            );
+        } else {
+            let spacing = found.unwrap();
+            let error = spacing.on_axis_px - truly;
+            assert!(error.abs() < 3.0 * spacing.sigma_px, "{spread_px} px: {error:+.4} px, {spacing:?}");
+            live.unwrap();
+        }
+    }
+}
+
+/// An aperture fills the gaps and widens the micro-images at once, and so does Δv.
+#[test]
+fn another_aperture_is_not_taken_for_blur() {
+    let opened = |opened: f64| Camera { opened, ..Camera::new(None, 1, 400) };
+    for (was, is) in [(0.8, 1.0), (0.8, 1.4), (1.0, 0.8), (1.0, 1.2), (1.0, 1.4), (1.4, 0.8), (1.4, 1.0)] {
+        let white = opened(was).white(0.0);
+        for delta_v in [0.0, 2.2] {
+            let (raw, _) = opened(is).board(delta_v);
+            let grid = expected_grid(&raw, &opened(is).options()).unwrap();
+            let fit = white.vignetting.fit(&raw, &grid).unwrap();
+            assert!(fit.blurred.is_none(), "{was} to {is} at {delta_v} mm: {fit:?}");
+        }
     }
 }
 

@@ -95,7 +95,7 @@ impl From<LiveError> for NoReading {
             | LiveError::NoStart
             | LiveError::WhiteMisfit(_)
             | LiveError::Lost { .. } => Self::Lost(why),
-            LiveError::Spacing(_) | LiveError::Grid(_) => Self::Refused(why),
+            LiveError::Spacing(_) | LiveError::Grid(_) | LiveError::Vignetting(_) => Self::Refused(why),
         }
     }
 }

@@ -22,8 +22,6 @@ mod follow;
 mod lattice;
 mod places;
 
-use std::borrow::Cow;
-
 use serde::Serialize;
 
 use self::engine::{Engine, State};
@@ -35,7 +33,7 @@ use super::measurement::evened;
 use super::misfit::WhiteMisfit;
 use super::mosaic::green;
 use super::spacing::{MODEL_SIGMA_PX, Spacing, SpacingError, SpacingFrame, SpacingOptions, find_spacing};
-use super::vignetting::{ProfileFit, Vignetting};
+use super::vignetting::{ProfileFit, Vignetting, VignettingError};
 use crate::optics::MlaMode;
 use crate::raw::{CfaPattern, RawImage, Samples};
 
@@ -94,6 +92,9 @@ pub enum LiveError {
     /// The white frame is of another setting.
     #[error(transparent)]
     WhiteMisfit(#[from] WhiteMisfit),
+    /// The whole picture is blurred.
+    #[error(transparent)]
+    Vignetting(#[from] VignettingError),
     /// The micro-images have jumped too far to say which is which.
     #[error(
         "the micro-images have jumped by up to {shift_px:.2} ± {sigma_px:.2} px since the last frame ({most_px:.2} px can be followed): acquire the frame, or find the grid anew from a white frame at this setting"
@@ -329,7 +330,7 @@ impl LiveMeter {
         let even = &*evened(raw, mosaic);
         let grid = refine_grid(even, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
-        let (fit, profile) = self.choose_profile(even, &grid);
+        let (fit, profile) = self.choose_profile(even, &grid)?;
         let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
         let with_white = |failed| WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from);
         let (spacing_px, field_px) = find_spacing(&frame, &self.options.of_spacing()).map_err(with_white)?;
@@ -342,8 +343,12 @@ impl LiveMeter {
     /// takes as long as many readings do: for a frame at rest, before it is measured. A frame of another size is left to that.
     pub fn keep_profile(&mut self, raw: &RawImage) {
         let grid = self.engine.grid();
-        if self.check_size(raw).is_ok() && self.outgrown(&grid) {
-            self.choose_profile(&evened(raw, self.options.mosaic), &grid);
+        if self.check_size(raw).is_ok()
+            && self.outgrown(&grid)
+            && self.choose_profile(&evened(raw, self.options.mosaic), &grid).is_err()
+        {
+            // Where it is searched for next, the search says why.
+            self.engine.state = None;
         }
     }
 
@@ -355,14 +360,22 @@ impl LiveMeter {
     }
 
     /// Chooses for a frame with this grid what is divided out of it and those that follow: the white frame's profile where it
-    /// fits, or else the frame's own where it has one. How the white frame's fits, and what was chosen.
-    fn choose_profile(&mut self, even: &RawImage, grid: &Grid) -> (Option<ProfileFit>, Vignetting) {
+    /// fits, or else the frame's own where it has one. How the white frame's fits, and what was chosen; a frame that is blurred
+    /// as a whole has none.
+    fn choose_profile(
+        &mut self,
+        even: &RawImage,
+        grid: &Grid,
+    ) -> Result<(Option<ProfileFit>, Vignetting), VignettingError> {
         let fit = self.vignetting.fit(even, grid).ok();
-        let fitting = fit.and_then(|fit| self.vignetting.fitting(&fit, even, grid).ok());
-        let profile = fitting.map_or_else(|| self.vignetting.clone(), Cow::into_owned);
+        let profile = match fit.map(|fit| self.vignetting.fitting(&fit, even, grid)) {
+            Some(Err(blurred @ VignettingError::Blurred { .. })) => return Err(blurred),
+            Some(Ok(fitting)) => fitting.into_owned(),
+            Some(Err(_)) | None => self.vignetting.clone(),
+        };
         self.engine.divide_out(&profile);
         self.chosen_at_px = grid.pitch_px();
-        (fit, profile)
+        Ok((fit, profile))
     }
 
     /// The grid where the newest frame has it. Its micro-images have the indices of the grid that the meter was given.

@@ -32,6 +32,12 @@ const USABLE_TRANSMISSION: f64 = 0.8;
 /// Difference between profile and frame that no measurement notices.
 const MISFIT_HARMLESS: f64 = 0.02;
 
+/// A picture that is blurred on its way from the microlenses has smaller micro-images of the same light: an aperture that makes
+/// them smaller takes twice as large a share of their light. The share of the white frame's usable radius below which, and of
+/// its light above which, a picture is blurred: by less, no spacing is moved by more than its uncertainty.
+const BLURRED_RADIUS: f64 = 0.95;
+const BLURRED_LIGHT: f64 = 0.95;
+
 /// Why there is no profile.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum VignettingError {
@@ -50,6 +56,15 @@ pub enum VignettingError {
         found: usize,
         /// Fewest that make a profile.
         least: usize,
+    },
+    /// The whole picture is blurred, and was not in the white frame.
+    #[error(
+        "the picture is blurred as a whole: of its micro-images {:.0} % of the radius is usable that is in the white frame, and their light is the same; see to what is between array and sensor, then take the white frame anew",
+        100.0 * radius
+    )]
+    Blurred {
+        /// The micro-images' usable radius, relative to the white frame's.
+        radius: f64,
     },
     /// There is no light at the micro-image centres.
     #[error("the micro-images are dark at their centres: no white frame of this grid; check the light and the grid")]
@@ -89,6 +104,9 @@ pub struct ProfileFit {
     pub misfit: f64,
     /// What the frame's texture alone makes of that difference (from the scatter between parts of the array).
     pub misfit_sigma: f64,
+    /// Where the frame is blurred as a whole and the white frame was not: its micro-images' usable radius, relative to that of
+    /// the white frame's.
+    pub blurred: Option<f64>,
 }
 
 impl std::fmt::Display for ProfileFit {
@@ -255,14 +273,26 @@ impl Vignetting {
             let apart = part.differences(&whole, grid.array);
             squares.iter_mut().zip(apart).for_each(|(sum, difference)| *sum += difference * difference);
         }
+        // Texture makes a radius of few micro-images uncertain: each part has to show it.
+        let shown = parts.len() == 4 && parts.iter().all(|part| self.blurred(part, grid).is_some());
+        let blurred = self.blurred(&whole, grid).filter(|_| shown);
         let fit = |k: usize| {
             let misfit = misfits[k];
             // Four parts: the variance of their mean is the sum of squares over 4 * 3.
             let misfit_sigma = if parts.len() == 4 { (squares[k] / 12.0).sqrt() } else { misfit };
-            ProfileFit { misfit, misfit_sigma }
+            ProfileFit { misfit, misfit_sigma, blurred }
         };
         let [whole, even] = [fit(0), fit(1)];
         Ok(if even.excess() > whole.excess() { even } else { whole })
+    }
+
+    /// The usable radius of a frame's own profile, relative to this one's, where that frame is blurred as a whole beside it.
+    fn blurred(&self, own: &Self, grid: &Grid) -> Option<f64> {
+        let radius = usable_radius(own, grid) / usable_radius(self, grid);
+        let light = |profile: &Self| {
+            profile.terms.iter().map(|terms| f64::from(terms[0])).sum::<f64>() / profile.terms.len() as f64
+        };
+        (radius < BLURRED_RADIUS && light(own) > BLURRED_LIGHT * light(self)).then_some(radius)
     }
 
     /// What to divide out of a frame with this grid: the profile itself where it fits the frame so, or else the frame's own. What
@@ -270,14 +300,18 @@ impl Vignetting {
     /// their pitch, the more the less texture there is beside it.
     ///
     /// # Errors
-    /// As [`Vignetting::from_white`].
+    /// As [`Vignetting::from_white`], and [`VignettingError::Blurred`].
     pub(super) fn fitting(
         &self,
         fit: &ProfileFit,
         frame: &RawImage,
         grid: &Grid,
     ) -> Result<Cow<'_, Self>, VignettingError> {
-        if fit.fits() { Ok(Cow::Borrowed(self)) } else { Self::from_textured(frame, grid).map(Cow::Owned) }
+        match fit.blurred {
+            _ if fit.fits() => Ok(Cow::Borrowed(self)),
+            Some(radius) => Err(VignettingError::Blurred { radius }),
+            None => Self::from_textured(frame, grid).map(Cow::Owned),
+        }
     }
 
     /// Root mean square differences of two profiles over the cell, after the best common factor: of all there is, and of
