@@ -1,5 +1,6 @@
 //! What is made to go wrong with the simulated bench, and what the program then says.
 
+use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::control::events::Event;
@@ -81,7 +82,7 @@ async fn an_adapter_unplugged_in_a_job_ends_it() {
 
 #[tokio::test]
 async fn faults_are_set_and_read_over_the_api() {
-    let config = std::sync::Arc::new(small_config(1));
+    let config = Arc::new(small_config(1));
     let daemon = Daemon::start(open_bench(&config).await.unwrap()).await;
     let read = || async { daemon.get(FAULTS).await.json::<Value>().await.unwrap() };
     assert_eq!(read().await, json!(Faults::default()));
@@ -99,6 +100,25 @@ async fn faults_are_set_and_read_over_the_api() {
     // What is not named goes right again.
     assert_eq!(put(json!({})).await.unwrap().status(), 200);
     assert_eq!(read().await, json!(Faults::default()));
+}
+
+/// Whoever looks, and not only who stopped.
+#[tokio::test]
+async fn what_became_of_a_stop_is_told_until_it_is_reset() {
+    let daemon = Daemon::start(open_bench(&Arc::new(small_config(1))).await.unwrap()).await;
+    let stop = async || -> Value { daemon.get("/api/v1/stop").await.json().await.unwrap() };
+    let on_both = |fate: &str| json!({ "focus": fate, "e": fate });
+    assert_eq!(daemon.post("/api/v1/stop", &json!({})).await.status(), 200);
+    assert_eq!(stop().await["delivery"], on_both("confirmed"));
+    daemon.request(Method::PUT, FAULTS).json(&json!({ "serial": { "unplugged": true } })).send().await.unwrap();
+    let gone = |bench: &Value| bench["axes"].as_array().unwrap().iter().all(|axis| axis["connected"] == false);
+    daemon.until("/api/v1/bench", "disconnected", gone).await;
+    assert_eq!(daemon.post("/api/v1/stop", &json!({})).await.status(), 200);
+    let bench: Value = daemon.get("/api/v1/bench").await.json().await.unwrap();
+    assert_eq!(bench["stop"]["delivery"], on_both("undeliverable"));
+    let reset = daemon.request(Method::DELETE, "/api/v1/stop").json(&json!({ "owner": "Ana", "why": "a test" }));
+    assert_eq!(reset.send().await.unwrap().status(), 200);
+    assert_eq!(stop().await["delivery"], Value::Null);
 }
 
 #[tokio::test(start_paused = true)]
@@ -181,7 +201,7 @@ async fn an_aligned_camera_can_be_aligned_again() {
 
 #[tokio::test]
 async fn a_plan_of_faults_comes_and_goes_over_the_api() {
-    let config = std::sync::Arc::new(small_config(1));
+    let config = Arc::new(small_config(1));
     let daemon = Daemon::start(open_bench(&config).await.unwrap()).await;
     let read = |path: &'static str| {
         let daemon = &daemon;

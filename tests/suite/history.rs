@@ -104,10 +104,12 @@ async fn the_stop_stays_latched_over_a_restart_until_it_is_reset() {
         })
     };
     until("kept", stop).await;
-    let stopped = get(&first, "/api/v1/stop").await;
+    let mut stopped = get(&first, "/api/v1/stop").await;
     first.as_killed().await;
 
     let (second, _fakes) = daemon(folder.path()).await;
+    // What an earlier run's order came to says nothing of the axes now.
+    stopped["delivery"] = Value::Null;
     let found = second.until("/api/v1/stop", "read", |stop| stop["since"].is_string()).await;
     assert_eq!(found, stopped, "since the same time");
     problem(

@@ -7,7 +7,7 @@ use utoipa::ToSchema;
 
 use super::job::{JobSnapshot, SpacingReading};
 use super::lease::LeaseView;
-use bench::device::AxisName;
+use bench::device::{AxisName, StopDelivery};
 use plenoptics::imaging::spacing::SpacingMap;
 
 /// One axis as a caller sees it.
@@ -128,10 +128,22 @@ pub struct StopView {
     pub since: Option<jiff::Timestamp>,
     /// Who stopped; absent while nobody has.
     pub by: Option<String>,
+    /// What became of the newest stop on each axis, while it is latched; absent where it was another run's.
+    #[serde(default)]
+    pub delivery: Option<StopDeliveries>,
     /// Why it is not known whether an earlier run left the stop latched: it counts as latched until it is read, or reset.
     pub unread: Option<String>,
     /// The newest reset; absent while there was none.
     pub reset: Option<StopReset>,
+}
+
+/// What became of a stop on each axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
+pub struct StopDeliveries {
+    /// The focus axis.
+    pub focus: StopDelivery,
+    /// The e axis.
+    pub e: StopDelivery,
 }
 
 /// A reset of the stop.

@@ -5867,6 +5867,13 @@ export interface components {
      * @enum {string}
      */
     StepState: "done" | "now" | "next" | "repeated";
+    /** @description What became of a stop on each axis. */
+    StopDeliveries: {
+      /** @description The e axis. */
+      e: components["schemas"]["StopDelivery"];
+      /** @description The focus axis. */
+      focus: components["schemas"]["StopDelivery"];
+    };
     /**
      * @description How sure it is that an axis was told to stop.
      * @enum {string}
@@ -5910,6 +5917,7 @@ export interface components {
     StopView: {
       /** @description Who stopped; absent while nobody has. */
       by?: string | null;
+      delivery?: components["schemas"]["StopDeliveries"] | null;
       /** @description Whether motion is refused until the stop is reset. */
       latched: boolean;
       reset?: components["schemas"]["StopReset"] | null;

@@ -78,6 +78,7 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
   const [asking, ask] = useState(false);
   const [why, setWhy] = useState("");
   const { since, by, unread } = stop;
+  const sent = stop.delivery ?? state.stopSent;
   const settled = useSettled(asking ? "asking" : null);
   const reason = useRef<HTMLInputElement>(null);
   useEffect(() => (asking ? reason.current?.focus() : undefined), [asking]);
@@ -98,11 +99,7 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
       <p>
         <b>{since ? strings.stop.stoppedSince(clock(since), called(by ?? "")) : strings.stop.stopped}.</b>{" "}
         {unread && `${strings.stop.unread(unread)} `}
-        {state.stopSent &&
-          strings.stop.sent(
-            strings.stop.delivery[state.stopSent.focus],
-            strings.stop.delivery[state.stopSent.e],
-          )}{" "}
+        {sent && strings.stop.sent(strings.stop.delivery[sent.focus], strings.stop.delivery[sent.e])}{" "}
         {state.stopSent && !state.stopSent.kept && `${strings.stop.notKept} `}
         {strings.stop.stoppedMore}
       </p>

@@ -2232,6 +2232,15 @@ class StepState(str, Enum):
     REPEATED = "repeated"
 
 
+class StopDeliveries(Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """What became of a stop on each axis."""
+
+    e: StopDelivery
+    """The e axis."""
+    focus: StopDelivery
+    """The focus axis."""
+
+
 class StopDelivery(str, Enum):
     """How sure it is that an axis was told to stop."""
 
@@ -2277,6 +2286,8 @@ class StopView(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     by: str | None = None
     """Who stopped; absent while nobody has."""
+    delivery: StopDeliveries | None = None
+    """What became of the newest stop on each axis, while it is latched; absent where it was another run's."""
     latched: bool
     """Whether motion is refused until the stop is reset."""
     reset: StopReset | None = None

@@ -8,6 +8,7 @@ use tokio::time::Instant;
 use utoipa::ToSchema;
 
 use super::Motion;
+use crate::events::StopDeliveries;
 use crate::refusal::Refusal;
 use bench::device::{AxisName, StopDelivery};
 use bench::telemetry;
@@ -32,6 +33,7 @@ impl Motion {
     pub async fn stop(&self, asked: Instant, by: &str) -> StopReport {
         self.latch(by);
         let report = self.halt_asked(asked).await;
+        self.delivered(StopDeliveries { focus: report.focus, e: report.e });
         if let Some(latency_ms) = report.latency_ms {
             telemetry::stop_sent(Duration::from_secs_f64(latency_ms / 1000.0));
         }

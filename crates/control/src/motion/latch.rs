@@ -5,7 +5,7 @@ use std::sync::atomic::Ordering;
 use jiff::Timestamp;
 
 use super::Motion;
-use crate::events::{StopReset, StopView};
+use crate::events::{StopDeliveries, StopReset, StopView};
 use bench::access::PROGRAM;
 
 /// What is known of the latch beside whether it is set.
@@ -13,6 +13,7 @@ use bench::access::PROGRAM;
 pub(super) struct Latch {
     since: Option<Timestamp>,
     by: Option<String>,
+    delivery: Option<StopDeliveries>,
     unread: Option<String>,
     reset: Option<StopReset>,
     /// Counts stops and resets: what was asked for before one of them does not begin after it, and a reset is of the
@@ -43,7 +44,7 @@ impl Reset {
 
     /// The latch as it is once the reset is in force.
     pub(crate) fn view(&self) -> StopView {
-        StopView { latched: false, since: None, by: None, unread: None, reset: Some(self.made.clone()) }
+        StopView { latched: false, since: None, by: None, delivery: None, unread: None, reset: Some(self.made.clone()) }
     }
 }
 
@@ -52,11 +53,12 @@ impl Motion {
     #[must_use]
     pub fn stop_view(&self) -> StopView {
         let state = self.state();
-        let Latch { since, by, unread, reset, .. } = &state.latch;
+        let Latch { since, by, delivery, unread, reset, .. } = &state.latch;
         StopView {
             latched: self.stopped.load(Ordering::SeqCst),
             since: *since,
             by: by.clone(),
+            delivery: *delivery,
             unread: unread.clone(),
             reset: reset.clone(),
         }
@@ -73,9 +75,9 @@ impl Motion {
     pub(crate) fn stop_to_keep(&self) -> StopView {
         let view = self.stop_view();
         if view.by.as_deref() == Some(PROGRAM) {
-            return StopView { latched: false, since: None, by: None, ..view };
+            return StopView { latched: false, since: None, by: None, delivery: None, ..view };
         }
-        view
+        StopView { delivery: None, ..view }
     }
 
     /// Latches for somebody who stops; whoever did so first is kept, but for the program that ends.
@@ -89,6 +91,14 @@ impl Motion {
             latch.unread = None;
         }
         self.stopped.store(true, Ordering::SeqCst);
+    }
+
+    /// Notes what became of a stop, unless it has been reset meanwhile.
+    pub(super) fn delivered(&self, delivery: StopDeliveries) {
+        let mut state = self.state();
+        if state.latch.since.is_some() {
+            state.latch.delivery = Some(delivery);
+        }
     }
 
     /// Says why it is not known how an earlier run left it, where it is not known.
@@ -142,7 +152,7 @@ impl Motion {
             return false;
         }
         latch.turns += 1;
-        (latch.since, latch.by, latch.unread, latch.reset) = (None, None, None, Some(reset.made));
+        (latch.since, latch.by, latch.delivery, latch.unread, latch.reset) = (None, None, None, None, Some(reset.made));
         self.stopped.store(false, Ordering::SeqCst);
         true
     }
