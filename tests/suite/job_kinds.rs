@@ -78,6 +78,15 @@ async fn clarity_alone_holds_e_and_trims() {
     let beyond = run(&service, JobRequest { e_mm: Some(-3.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
     ended_as(&beyond, JobState::Failed);
     assert!(beyond.reason.as_ref().unwrap().contains("-0.100"), "{:?}", beyond.reason);
+    // Within the wall, and nearer to the shell than e is known.
+    let near = run(&service, JobRequest { e_mm: Some(-0.05), ..JobRequest::of(JobKind::ClarityOnly) }).await;
+    ended_as(&near, JobState::Failed);
+    assert!(
+        near.reason.as_ref().unwrap().contains("e_mm is -0.050, and would have to be at least "),
+        "{:?}",
+        near.reason
+    );
+    assert!(near.iterations.is_empty() && near.steps.iter().all(|step| step.number.is_none()), "{:?}", near.steps);
 }
 
 #[tokio::test(start_paused = true)]

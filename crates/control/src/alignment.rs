@@ -9,7 +9,7 @@ use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
 use super::events::{InView, ShellState};
 use super::eye::{Eye, Seen};
-use super::job::Stage;
+use super::job::{JobKind, Stage};
 use super::motion::{Admission, Motion};
 use super::plan::{AirBoards, Obstacle, Plan};
 use super::refusal::{Refusal, ServiceError};
@@ -330,13 +330,15 @@ impl Alignment<'_> {
         let plan = self.plan(solution, mount_e_mm);
         // The job's log has said where the design comes from.
         let view = plan.view(self.config, String::new());
-        let obstacles = view.obstacles.iter().cloned().chain(self.homes_towards_shell());
+        let kind = self.context.snapshot().kind;
+        let held = if kind == JobKind::ClarityOnly { plan.held_too_near(self.config) } else { None };
+        let obstacles = view.obstacles.iter().cloned().chain(held).chain(self.homes_towards_shell());
         let said: Vec<String> = obstacles.map(|obstacle| obstacle.to_string()).collect();
         if !said.is_empty() {
             return Err(JobEnd::failed(format!("this cannot be aligned as it is configured: {}", said.join("; "))));
         }
         self.context.log(view.summary());
-        self.context.expect(plan.operator_steps(self.context.snapshot().kind, self.config));
+        self.context.expect(plan.operator_steps(kind, self.config));
         Ok(plan)
     }
 }

@@ -4612,9 +4612,9 @@ export interface components {
       /** @description The secret. It is shown here and never again. */
       secret: string;
     };
-    /** @description A key of the configuration that keeps an alignment from its end. */
+    /** @description A key of the configuration, or what was asked for, that keeps an alignment from its end. */
     Obstacle: {
-      /** @description The key, dotted. */
+      /** @description The key, dotted, or the request's `e_mm`. */
       key: string;
       /** @description What it would have to be, in words. */
       needed: string;

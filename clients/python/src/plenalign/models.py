@@ -1351,10 +1351,10 @@ class MoveRequest(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Obstacle(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """A key of the configuration that keeps an alignment from its end."""
+    """A key of the configuration, or what was asked for, that keeps an alignment from its end."""
 
     key: str
-    """The key, dotted."""
+    """The key, dotted, or the request's `e_mm`."""
     needed: str
     """What it would have to be, in words."""
     value: str

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::boards::{Arrangement, levels_fault};
+use super::expected::ExpectedBudget;
 use super::precision::Precision;
 use super::{FREE_PROBES, Plan, spacing_in_water};
 use crate::calibrated::CalibratedCamera;
@@ -29,10 +30,10 @@ const MOST_LARGER: f64 = 5.0;
 /// The way from where the shell is mounted to the optimum must be at least this long, mm, for e to be led by the picture.
 const LEAST_WAY_MM: f64 = 0.3;
 
-/// A key of the configuration that keeps an alignment from its end.
+/// A key of the configuration, or what was asked for, that keeps an alignment from its end.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Obstacle {
-    /// The key, dotted.
+    /// The key, dotted, or the request's `e_mm`.
     pub key: String,
     /// Its value now, in words.
     pub value: String,
@@ -334,6 +335,19 @@ impl Plan {
                 self.e.unknown_mm(goal + reach)
             ),
         ));
+    }
+
+    /// That the shell would be mounted, with e held, where the lens may touch it.
+    pub(crate) fn held_too_near(&self, config: &Config) -> Option<Obstacle> {
+        let ExpectedBudget { e_held_off_mm, .. } = ExpectedBudget::of(config, self, &Precision::of(config, self))?;
+        (e_held_off_mm > 0.0).then(|| {
+            obstacle(
+                "e_mm",
+                format!("{:.3}", self.solution.e),
+                format!("at least {}", at_least(self.solution.e + e_held_off_mm, 2)),
+                "the shell is mounted with e there, and between the lens and where it touches the shell have to lie three of the standard uncertainties that e is expected to have",
+            )
+        })
     }
 
     /// What the shell's aberrations add to the spacing in focus over the estimator's window, px.

@@ -249,10 +249,14 @@ impl Plan {
 
     /// What a kind of job that goes by it will ask and take.
     fn part(&self, kind: JobKind, config: &Config) -> PlannedJob {
+        // The shell step goes on from an air step that nothing stood in the way of.
+        let mut obstacles = if kind == JobKind::ShellOnly { Vec::new() } else { self.obstacles(config) };
+        if kind == JobKind::ClarityOnly && obstacles.is_empty() {
+            obstacles.extend(self.held_too_near(config));
+        }
         PlannedJob {
             kind,
-            // It goes on from an air step that nothing stood in the way of.
-            obstacles: if kind == JobKind::ShellOnly { Vec::new() } else { self.obstacles(config) },
+            obstacles,
             delta_v_mm: self.solution.delta_v,
             e_mm: has_shell(kind).then_some(self.solution.e),
             operator_steps: self.operator_steps(kind, config),
