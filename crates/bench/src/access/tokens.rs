@@ -324,32 +324,28 @@ impl TokenStore {
         }
         let token = held.records.tokens.get_mut(found?)?;
         let holder = Holder { name: token.name.clone(), scope: token.scope, token: Some(token.id) };
-        if token.last_used_at.is_none_or(|last| now.duration_since(last) >= LAST_USE_STEP) {
-            token.last_used_at = Some(now);
-            held.used = true;
-        }
+        let noted = note_use(token, now);
+        held.used |= noted;
         Some(holder)
     }
 
-    /// Whom a session belongs to.
+    /// Whom a session belongs to. Its use is its token's.
     pub(super) fn session_holder(&self, digest: &Digest) -> Option<Holder> {
         let now = Timestamp::now();
-        let held = self.held();
+        let mut held = self.held();
+        let Held { records: Records { tokens, sessions, .. }, used, .. } = &mut *held;
         let mut found = None;
-        for session in &held.records.sessions {
+        for session in &*sessions {
             if session.sha256.matches(digest) && session.expires_at > now {
                 found = Some(session);
             }
         }
         let session = found?;
-        let alive = |id: Uuid| {
-            held.records.tokens.iter().any(|token| token.id == id && token.expires_at.is_none_or(|end| end > now))
-        };
-        session.token.is_none_or(alive).then(|| Holder {
-            name: session.name.clone(),
-            scope: session.scope,
-            token: session.token,
-        })
+        if let Some(id) = session.token {
+            let alive = |token: &&mut TokenRecord| token.id == id && token.expires_at.is_none_or(|end| end > now);
+            *used |= note_use(tokens.iter_mut().find(alive)?, now);
+        }
+        Some(Holder { name: session.name.clone(), scope: session.scope, token: session.token })
     }
 
     /// Whether anybody is let in under this name now.
@@ -394,6 +390,15 @@ impl TokenStore {
         held.stamp = stamp;
         Ok(result)
     }
+}
+
+/// Notes that a token is used now, where that is long enough after the last time; whether it was.
+fn note_use(token: &mut TokenRecord, now: Timestamp) -> bool {
+    let due = token.last_used_at.is_none_or(|last| now.duration_since(last) >= LAST_USE_STEP);
+    if due {
+        token.last_used_at = Some(now);
+    }
+    due
 }
 
 /// Adds a session, within its token's share.
@@ -597,5 +602,11 @@ mod tests {
         store.holder(&secret.digest()).unwrap();
         store.keep_last_uses().unwrap();
         assert!(TokenStore::open(folder.path()).unwrap().list()[0].last_used_at.is_some());
+        // That of a session is its token's.
+        let (_, TokenRecord { id, name, scope, .. }) = store.create("b", Scope::View, None).unwrap();
+        let (session, _) =
+            store.open_session(&Holder { name, scope, token: Some(id) }, SignedDuration::from_hours(1)).unwrap();
+        store.session_holder(&session.digest()).unwrap();
+        assert!(store.list().into_iter().find(|token| token.id == id).unwrap().last_used_at.is_some());
     }
 }
