@@ -224,6 +224,17 @@ try {
   const waiting = page.locator(".save .notice", { hasText: "Waiting for the daemon's next start" });
   await waiting.filter({ hasText: "shell.outer_radius_mm" }).waitFor();
 
+  step("what is wrong in the configuration is shown, whatever is looked for");
+  await open(page, "Settings");
+  await page.locator(".find input").fill("outer_radius");
+  await page.locator("#key-shell\\.outer_radius_mm").fill("10");
+  const wrong = page.locator('.config-key[data-wrong="true"]');
+  await wrong.first().waitFor();
+  await page.locator(".apply", { hasText: "1 thing is wrong" }).waitFor();
+  assert.equal(await wrong.locator(".fault").count(), 1);
+  await page.getByRole("button", { name: "Undo changes" }).click();
+  await open(page, "Design");
+
   step(
     "started again with another camera, the daemon's is in force on every page that is open, but for what is being edited",
   );

@@ -19,9 +19,22 @@ function found(key: Key, find: string): boolean {
   return find === "" || key.path.toLowerCase().includes(find) || key.meaning.toLowerCase().includes(find);
 }
 
+/** What is wrong with a key, or within it. */
+function wrongIn(key: Key, faults: ConfigFault[]): ConfigFault[] {
+  return faults.filter(
+    (fault) =>
+      fault.key === key.path || fault.key.startsWith(`${key.path}.`) || fault.key.startsWith(`${key.path}[`),
+  );
+}
+
+/** Whether a key is shown: what is wrong is, whatever is looked for. */
+function shown(key: Key, { find, faults }: Editing): boolean {
+  return found(key, find) || wrongIn(key, faults).length > 0;
+}
+
 /** A table of the configuration, with the tables in it. */
 export function ConfigTable({ table, ...editing }: Editing & { table: Table }) {
-  const keys = table.keys.filter((key) => found(key, editing.find));
+  const keys = table.keys.filter((key) => shown(key, editing));
   return (
     <>
       {keys.map((key) => {
@@ -32,12 +45,7 @@ export function ConfigTable({ table, ...editing }: Editing & { table: Table }) {
             of={key}
             value={value}
             changed={editing.stored !== null && !same(value, valueAt(editing.stored, key.path))}
-            faults={editing.faults.filter(
-              (fault) =>
-                fault.key === key.path ||
-                fault.key.startsWith(`${key.path}.`) ||
-                fault.key.startsWith(`${key.path}[`),
-            )}
+            faults={wrongIn(key, editing.faults)}
             editable={editing.editable(key.path)}
             locked={editing.isLocked(key.path)}
             set={(value) => editing.set(key.path, value)}
@@ -46,7 +54,7 @@ export function ConfigTable({ table, ...editing }: Editing & { table: Table }) {
       })}
       {table.tables.map((inner) => {
         const all = keysOf(inner);
-        if (!all.some((key) => found(key, editing.find))) return null;
+        if (!all.some((key) => shown(key, editing))) return null;
         const wrong = editing.faults.filter((fault) => fault.key.startsWith(inner.path)).length;
         return (
           <details key={inner.path} open={editing.find !== "" || wrong > 0}>
