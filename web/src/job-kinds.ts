@@ -168,11 +168,17 @@ export function implied(draft: Draft, axes: Axis[], unit: LengthUnit): string | 
   }
 }
 
-/** Where a sweep may go is where its axis may go. */
+/** The axis whose travel a number is a place on. */
+function along(name: NumberField["name"], draft: Draft): AxisName | null {
+  if (name === "e_mm") return "e";
+  return name === "from_mm" || name === "to_mm" ? draft.axis : null;
+}
+
+/** Where an axis is sent is where it may go. */
 function reach(field: NumberField, draft: Draft, axes: Axis[]): [number, number] {
-  const axis = axes.find((axis) => axis.axis === draft.axis);
-  const along = field.name === "from_mm" || field.name === "to_mm";
-  return along && axis ? [axis.low_limit_mm, axis.high_limit_mm] : [field.low, field.high];
+  const name = along(field.name, draft);
+  const axis = axes.find((axis) => axis.axis === name);
+  return axis ? [axis.low_limit_mm, axis.high_limit_mm] : [field.low, field.high];
 }
 
 /** What is taken where a field is left empty, as far as the page knows it. */

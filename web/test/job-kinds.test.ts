@@ -28,6 +28,9 @@ describe("the form of a job", () => {
   });
 
   it("wants what is needed, within what is allowed", () => {
+    // e is held within the e axis's travel.
+    const held = (e_mm: string) => faults({ ...draftOf("clarity_only"), numbers: { e_mm } });
+    expect([held("10"), held("40"), held("-3")]).toEqual([[], ["e_mm"], ["e_mm"]]);
     const sweep = draftOf("focus_sweep");
     expect(faults(sweep)).toEqual(["from_mm", "to_mm"]);
     expect(faults({ ...sweep, numbers: { from_mm: "-3", to_mm: "1" } })).toEqual(["from_mm"]);
