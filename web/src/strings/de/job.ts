@@ -72,7 +72,7 @@ export const job: typeof en.job = {
     ],
     l_bound_measurement: [
       "e wird verstellt, und die Seite sagt, was anzusehen oder zu bestätigen ist.",
-      "l_bound und die Sperre werden ausgegeben.",
+      "l_bound und die Sperre, die daraus folgt, gelten von da an, bis der Dienst endet.",
     ],
     focus_sweep: [
       "Weißbild und Tafel, wo sie noch fehlen.",

@@ -66,7 +66,7 @@ export const job = {
     ],
     l_bound_measurement: [
       "e is moved and the page says what to look at or to confirm.",
-      "l_bound and the wall are reported.",
+      "l_bound and the wall that follows from it hold from then on, until the daemon ends.",
     ],
     focus_sweep: [
       "White frame and board, where they are still needed.",
