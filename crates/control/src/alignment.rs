@@ -331,7 +331,8 @@ impl Alignment<'_> {
         // The job's log has said where the design comes from.
         let view = plan.view(self.config, String::new());
         let kind = self.context.snapshot().kind;
-        let held = if kind == JobKind::ClarityOnly { plan.held_too_near(self.config) } else { None };
+        let held = view.by_budget.filter(|_| kind == JobKind::ClarityOnly);
+        let held = held.and_then(|expected| plan.held_too_near(expected));
         let obstacles = view.obstacles.iter().cloned().chain(held).chain(self.homes_towards_shell());
         let said: Vec<String> = obstacles.map(|obstacle| obstacle.to_string()).collect();
         if !said.is_empty() {

@@ -162,8 +162,7 @@ pub fn check_move(
     sigma_mm: f64,
     slack_mm: f64,
 ) -> Option<MoveFault> {
-    let allowed = SCALE_FAULT * expected_mm.abs() + 4.0 * sigma_mm + slack_mm;
-    if (measured_mm - expected_mm).abs() <= allowed {
+    if agrees(expected_mm, measured_mm, sigma_mm, slack_mm) {
         return None;
     }
     let telling = expected_mm.abs() > TELLING * sigma_mm;
@@ -176,13 +175,18 @@ pub fn check_move(
     Some(MoveFault::WrongScale { axis, expected_mm, measured_mm })
 }
 
+/// Whether the travel that the picture shows is the one expected, as far as can be told.
+fn agrees(expected_mm: f64, measured_mm: f64, sigma_mm: f64, slack_mm: f64) -> bool {
+    (measured_mm - expected_mm).abs() <= SCALE_FAULT * expected_mm.abs() + 4.0 * sigma_mm + slack_mm
+}
+
 /// Whether the picture has followed a move: it says enough of it to tell, does not contradict it, and is nearer to what was
-/// expected than to no move at all. `sigma_mm` is the standard uncertainty of `measured_mm`. It is the same for both axes.
+/// expected than to no move at all. `sigma_mm` is the standard uncertainty of `measured_mm`.
 #[must_use]
 pub(super) fn follows(expected_mm: f64, measured_mm: f64, sigma_mm: f64) -> bool {
     expected_mm.abs() > FOLLOWED * sigma_mm
         && measured_mm * expected_mm.signum() > 0.5 * expected_mm.abs()
-        && check_move(AxisName::E, expected_mm, measured_mm, sigma_mm, 0.0).is_none()
+        && agrees(expected_mm, measured_mm, sigma_mm, 0.0)
 }
 
 #[cfg(test)]

@@ -73,11 +73,12 @@ impl Motion {
 
     /// The latch as it is to be kept beyond this run. The program's own end latches, too, and that is nobody's stop.
     pub(crate) fn stop_to_keep(&self) -> StopView {
-        let view = self.stop_view();
+        // What became of it says nothing of the axes in another run.
+        let view = StopView { delivery: None, ..self.stop_view() };
         if view.by.as_deref() == Some(PROGRAM) {
-            return StopView { latched: false, since: None, by: None, delivery: None, ..view };
+            return StopView { latched: false, since: None, by: None, ..view };
         }
-        StopView { delivery: None, ..view }
+        view
     }
 
     /// Latches for somebody who stops; whoever did so first is kept, but for the program that ends.

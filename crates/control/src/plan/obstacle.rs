@@ -338,8 +338,8 @@ impl Plan {
     }
 
     /// That the shell would be mounted, with e held, where the lens may touch it.
-    pub(crate) fn held_too_near(&self, config: &Config) -> Option<Obstacle> {
-        let ExpectedBudget { e_held_off_mm, .. } = ExpectedBudget::of(config, self, &Precision::of(config, self))?;
+    pub(crate) fn held_too_near(&self, expected: ExpectedBudget) -> Option<Obstacle> {
+        let ExpectedBudget { e_held_off_mm, .. } = expected;
         (e_held_off_mm > 0.0).then(|| {
             obstacle(
                 "e_mm",

@@ -252,7 +252,8 @@ impl Plan {
         // The shell step goes on from an air step that nothing stood in the way of.
         let mut obstacles = if kind == JobKind::ShellOnly { Vec::new() } else { self.obstacles(config) };
         if kind == JobKind::ClarityOnly && obstacles.is_empty() {
-            obstacles.extend(self.held_too_near(config));
+            let expected = ExpectedBudget::of(config, self, &Precision::of(config, self));
+            obstacles.extend(expected.and_then(|expected| self.held_too_near(expected)));
         }
         PlannedJob {
             kind,
