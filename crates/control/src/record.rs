@@ -68,13 +68,21 @@ impl Alignment<'_> {
         }
     }
 
-    pub(super) fn keep_shell(&mut self, shell: &ShellLoop, seen: &Seen, e_reading_mm: f64, trim_mm: f64) {
+    /// Keeps what was measured, and where e is by it: nowhere that is known where the picture contradicts the axis.
+    pub(super) fn keep_shell(
+        &mut self,
+        shell: &ShellLoop,
+        seen: &Seen,
+        (e_reading_mm, trim_mm): (f64, f64),
+        decision: &ShellDecision,
+    ) {
         let findings = &mut self.findings;
         if let Some(here) = shell.here() {
             here.put_after(&mut findings.through_shell);
         }
         findings.moves_shell = shell.moves();
-        findings.e = Some(shell.model().predict(e_reading_mm));
+        let lost = matches!(decision, ShellDecision::Fault(fault) if fault.axis() == AxisName::E);
+        findings.e = (!lost).then(|| shell.model().predict(e_reading_mm));
         findings.e_scale = shell.scale();
         findings.trim_mm = trim_mm;
         findings.seen = Some(seen.clone());

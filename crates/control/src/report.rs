@@ -70,6 +70,7 @@ fn before_last_move(seen: &Seen, findings: &Findings, readbacks_mm: [Option<f64>
     )
 }
 
+/// `astray` is the axis that the picture has shown to stand elsewhere than it reads.
 #[allow(clippy::too_many_arguments)] // Every one is a different thing, named at the one call.
 pub(super) fn report(
     context: &JobContext,
@@ -78,6 +79,7 @@ pub(super) fn report(
     config: &Config,
     design_origin: &str,
     findings: &Findings,
+    astray: Option<AxisName>,
     outcome: JobState,
     reason: &str,
 ) -> Report {
@@ -89,13 +91,16 @@ pub(super) fn report(
     let [focus_rests, e_rests] = measured.map_or([true; 2], |seen| rest_since(seen, readbacks_mm));
     // What was seen before an axis moved is not what the job has come to.
     let seen = measured.filter(|_| focus_rests && e_rests);
-    let known = seen.and_then(|seen| evidence(eye, findings, seen.window_px));
+    // Nor is anything that goes by the reading of an axis that has not followed.
+    let known = seen.filter(|_| astray.is_none()).and_then(|seen| evidence(eye, findings, seen.window_px));
     let budget = known.and_then(|seen| Budget::of(config, &seen, solution.e));
     let (delta_v_mm, delta_v_sigma_mm) = budget
         .as_ref()
         .map(|budget| (budget.delta_v_mm, budget.delta_v_sigma_mm))
         .or_else(|| {
-            let here = findings.delta_v_air.filter(|_| focus_rests);
+            // In air the picture tells it, and the axis only once there has been a trim.
+            let told = focus_rests && (astray != Some(AxisName::Focus) || findings.through_shell.is_empty());
+            let here = findings.delta_v_air.filter(|_| told);
             here.map(|(delta_v, sigma)| (delta_v + findings.trim_mm, sigma))
         })
         .unzip();
@@ -150,8 +155,8 @@ pub(super) fn report(
         e_sigma_mm,
         e_target_mm: solution.e,
         e_wall_mm: motion.e_wall_mm(),
-        focus_readback_mm: readbacks_mm[0],
-        e_readback_mm: readbacks_mm[1],
+        focus_readback_mm: readbacks_mm[0].filter(|_| astray != Some(AxisName::Focus)),
+        e_readback_mm: readbacks_mm[1].filter(|_| astray != Some(AxisName::E)),
         image_distance_mm: delta_v_mm.map(|delta_v| design.air_image_distance() + delta_v),
         spacing_px: seen.map(|seen| seen.spacing.spacing_px),
         spacing_sigma_px: seen.map(|seen| seen.spacing.spacing_sigma_px),

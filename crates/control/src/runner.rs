@@ -75,8 +75,8 @@ pub(super) async fn run(
     let good = matches!(state, JobState::Converged | JobState::Succeeded);
     bring_to_rest(context, motion, !good).await;
     let report = is_alignment(kind)
-        .then(|| report::report(context, motion, eye, config, design_origin, &findings, state, &reason));
-    // What was measured before is told all the same; but no rule may go by its reading from here on.
+        .then(|| report::report(context, motion, eye, config, design_origin, &findings, astray, state, &reason));
+    // No rule may go by its reading from here on.
     if let Some(axis) = astray {
         motion.forget_position(axis);
         context.log(format!("the {axis} axis is not where it reads: its position is unknown until it is homed"));

@@ -88,7 +88,7 @@ impl Alignment<'_> {
                 sigma_random_px: seen.sigma_random_px,
             };
             let decision = shell.next(observation, |here| self.room(here, seen.window_px));
-            self.keep_shell(&shell, &seen, e_reading_mm, trim_mm);
+            self.keep_shell(&shell, &seen, (e_reading_mm, trim_mm), &decision);
             self.record_shell(kind, moved, &seen, predicted, &decision);
             frames = 1;
             match decision {
