@@ -102,6 +102,19 @@ async fn an_axis_shorter_than_its_scale_never_passes_the_wall() {
     judge(&config, &job);
 }
 
+/// The configuration takes its scale to be known to 5 %.
+#[tokio::test(start_paused = true)]
+async fn an_e_axis_that_goes_further_than_it_reads_touches_nothing() {
+    for (error, state) in [(0.3, JobState::Converged), (0.5, JobState::Failed), (0.8, JobState::Failed)] {
+        let mut config = small_config(1);
+        config.bench.simulation.e_scale_error = error;
+        let job = align(&service(config).await).await;
+        assert_eq!(job.state, state, "{error}: {:?}", job.reason);
+        assert_eq!(truth(&job)["touched_shell"], false, "{error}: {:?}", job.iterations);
+        assert!(number(truth(&job), "e_mm") > -0.1, "{error}: {:?}", truth(&job));
+    }
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_reversed_e_axis_is_named_after_the_probe() {
     let mut config = small_config(4);

@@ -92,3 +92,30 @@ async fn a_failed_air_step_tells_only_what_it_measured() {
     assert!(matches!(moved, Err(ServiceError::Refused(Refusal::NotHomed { axis: AxisName::Focus }))), "{moved:?}");
     assert!(page.contains("probes not counted") && page.contains("depth of field in water</th><td>not measured"));
 }
+
+#[tokio::test(start_paused = true)]
+async fn a_failed_shell_step_tells_no_e_of_before() {
+    let service = service(small_config(1)).await;
+    let stalling = tokio::spawn({
+        let service = Arc::clone(&service);
+        async move {
+            once(&service, |job| job.iterations.iter().any(|one| one.stage == Stage::Shell)).await;
+            let mut faults = Faults::default();
+            faults.e.stalled = true;
+            service.set_faults(faults);
+        }
+    });
+    let job = align(&service).await;
+    stalling.await.unwrap();
+    assert_eq!(job.state, JobState::Failed, "{:?}", job.reason);
+    assert!(job.reason.as_deref().unwrap().contains("the e axis does not move"), "{:?}", job.reason);
+    // The first, short move may be hidden by noise; nothing long is tried on the strength of it.
+    let readings: Vec<f64> = job.iterations.iter().filter_map(|one| one.e_mm).collect();
+    assert!(readings.iter().all(|&e_mm| e_mm > 20.0), "{readings:?}");
+    let report = job.report.as_ref().unwrap();
+    assert_eq!((report.e_mm, report.e_readback_mm, report.e_scale), (None, None, None), "{report:?}");
+    assert_eq!(job.iterations.last().unwrap().e_estimate_mm, None);
+    assert!(report.budget.is_none() && report.depth_of_field.is_none() && report.e_tolerance.is_none());
+    // The picture is of where the camera stands, and Δv of the air step stands.
+    assert!(report.spacing_px.is_some() && report.delta_v_mm.is_some() && report.focus_readback_mm.is_some());
+}

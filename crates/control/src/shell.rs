@@ -2,12 +2,13 @@
 //! beyond the wall, e stays at its optimum and Δv is trimmed (Eq. 8 with e fixed). Pure: measurement in, decision out.
 //!
 //! The wall holds twice: in the homed axis's coordinate, and in e as the picture has it. Until scale and zero of the
-//! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance. Beside it the
-//! [`Room`] holds: e may be wrong by more than the picture scatters.
+//! axis are confirmed by the picture, a move towards the shell covers at most 85 % of the estimated distance, and ends this
+//! side of the wall at any scale of the axis that the picture has not excluded: what the configuration says of the scale is
+//! what a wrong `steps_per_mm` makes untrue. Beside it the [`Room`] holds: e may be wrong by more than the picture scatters.
 
 use super::air::FREE_PROBES;
 use super::at_pose::AtPose;
-use super::axis_model::{AxisModel, MoveFault, check_move};
+use super::axis_model::{AxisModel, MoveFault, check_move, follows};
 use super::calibrated::CalibratedCamera;
 use super::room::Room;
 use bench::config::ShellStep;
@@ -31,6 +32,10 @@ const MOST_STUCK: u32 = 6;
 /// Standard uncertainties of e, as the picture scatters, that a move keeps away from the wall: where the picture cannot tell
 /// e, only as much of the way is gone as the axis alone is good for.
 const WALL_SIGMAS: f64 = 3.0;
+/// The axis's scale is told once what the picture has not excluded is within this share of what it shows.
+const SCALE_TOLD: f64 = 0.1;
+/// An axis that the picture has not been seen to follow goes on so many times as far as it has gone, to be told.
+const UNFOLLOWED: f64 = 4.0;
 
 /// What the loop is to reach, and what it may use.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -137,10 +142,10 @@ pub struct ShellLoop {
     model: AxisModel,
     pose: Option<Pose>,
     previous: Option<ShellObservation>,
+    /// e by the picture alone wherever the axis stood before any trim, the last place last.
+    shown: Vec<Shown>,
     probed: bool,
     moves: u32,
-    /// Whether the picture has followed a move of e.
-    followed: bool,
     at_optimum: bool,
     trimmed: bool,
     /// Trims in a row that the picture has contradicted by as little as an axis sticks.
@@ -159,6 +164,28 @@ struct Pose {
     measurements: AtPose,
 }
 
+/// e by the picture alone at a reading of the axis, mm.
+#[derive(Debug, Clone, Copy)]
+struct Shown {
+    reading: f64,
+    e: f64,
+    sigma: f64,
+}
+
+/// A way of the e axis by its readings, what the picture shows of it, and the standard uncertainty of that; mm.
+#[derive(Debug, Clone, Copy)]
+struct Way {
+    travel: f64,
+    seen: f64,
+    sigma: f64,
+}
+
+impl Way {
+    fn is_followed(self) -> bool {
+        follows(self.travel, self.seen, self.sigma)
+    }
+}
+
 impl ShellLoop {
     /// A loop that has seen nothing.
     #[must_use]
@@ -171,9 +198,9 @@ impl ShellLoop {
             model,
             pose: None,
             previous: None,
+            shown: Vec::new(),
             probed: false,
             moves: 0,
-            followed: false,
             at_optimum: false,
             trimmed: false,
             stuck: 0,
@@ -198,7 +225,7 @@ impl ShellLoop {
     /// True travel of e over commanded travel, once the picture has followed a move: until then it is the configuration's.
     #[must_use]
     pub fn scale(&self) -> Option<f64> {
-        self.followed.then(|| self.model.scale().0)
+        self.way().is_some_and(|way| way.is_followed()).then(|| self.model.scale().0)
     }
 
     /// The measurements at the present pose, combined.
@@ -256,7 +283,6 @@ impl ShellLoop {
         {
             return ShellDecision::Fault(fault);
         }
-        self.followed |= self.previous.is_some_and(|before| (before.e_reading_mm - here.e_reading_mm).abs() > 1e-6);
         if !self.trimmed {
             // After a trim the spacing says what the trim did, no longer where e is.
             let e = self.camera.e_mm(observation.spacing_px, observation.trim_mm);
@@ -264,11 +290,44 @@ impl ShellLoop {
             if e.is_finite() && sigma.is_finite() {
                 self.model.observe(observation.e_reading_mm, e, sigma);
             }
+            self.keep_shown(here);
             if let Some(fault) = self.model.fault(AxisName::E, observation.e_reading_mm) {
                 return ShellDecision::Fault(fault);
             }
         }
         self.decide(here, measurements)
+    }
+
+    fn keep_shown(&mut self, here: ShellObservation) {
+        let e = self.camera.e_mm(here.spacing_px, here.trim_mm);
+        let sigma = self.camera.e_sigma_mm(e, here.trim_mm, here.sigma_px);
+        if e.is_finite() && sigma.is_finite() {
+            let reading = here.e_reading_mm;
+            self.shown.pop_if(|last| (last.reading - reading).abs() < 1e-6);
+            self.shown.push(Shown { reading, e, sigma });
+        }
+    }
+
+    /// The longest way that the axis has gone, as the picture has it.
+    fn way(&self) -> Option<Way> {
+        let by_reading = |one: &&Shown, other: &&Shown| one.reading.total_cmp(&other.reading);
+        let (low, high) = self.shown.iter().min_by(by_reading).zip(self.shown.iter().max_by(by_reading))?;
+        let travel = high.reading - low.reading;
+        (travel > 0.0).then(|| Way { travel, seen: high.e - low.e, sigma: low.sigma.hypot(high.sigma) })
+    }
+
+    /// The reading (mm) nearest to the shell that one move may go to: this side of the wall at any scale that the picture
+    /// has not excluded, and anywhere once the scale is told.
+    fn nearest(&self, here: ShellObservation) -> f64 {
+        let from = here.e_reading_mm;
+        let Some(way) = self.way() else { return from - self.goal.probe_mm };
+        let untold = TOLD_SIGMAS * way.sigma + self.goal.backlash_mm;
+        if way.is_followed() && untold <= SCALE_TOLD * way.seen {
+            return f64::NEG_INFINITY;
+        }
+        let free = (self.model.predict(from).0 - self.goal.wall_mm).max(0.0);
+        let clear = free * way.travel / (way.seen.abs() + untold);
+        from - if way.is_followed() { clear } else { clear.min(UNFOLLOWED * way.travel) }
     }
 
     fn contradiction(&mut self, previous: ShellObservation, here: ShellObservation) -> Option<MoveFault> {
@@ -374,6 +433,8 @@ impl ShellLoop {
             let estimated = (e - goal.e_mm).min(here.e_reading_mm - goal.e_mm);
             self.allowed(here.e_reading_mm - UNCONFIRMED_SHARE * estimated, here.e_reading_mm)
         };
+        let nearest = self.nearest(here);
+        let (to, confirmed) = (to.max(nearest), confirmed && to >= nearest);
         // Where e is not known better from picture to picture, another short move leads nowhere.
         let short = if confirmed { 0.5 * goal.tolerance_mm } else { (0.5 * goal.tolerance_mm).max(0.5 * sigma) };
         if (to - here.e_reading_mm).abs() <= short {
@@ -431,7 +492,7 @@ impl ShellLoop {
                     ),
                 };
             }
-            return self.move_e(reading, here.trim_mm);
+            return self.move_e(reading.max(self.nearest(here)), here.trim_mm);
         }
         let e_here = self.model.predict(here.e_reading_mm).0;
         let by = (goal.spacing_px - here.spacing_px) / self.camera.slope_delta_v(e_here, here.trim_mm);

@@ -210,6 +210,37 @@ fn a_dead_or_reversed_axis_ends_the_loop_after_the_probe() {
     assert_eq!(reversed.decisions.len(), 2);
 }
 
+/// What the configuration says of an axis's scale is what a wrong `steps_per_mm` makes untrue.
+#[test]
+fn an_axis_that_goes_further_than_it_reads_never_touches() {
+    for scale in [0.5, 1.1, 1.2, 1.28, 1.31, 1.5, 1.8, 2.0, 3.0, 5.0] {
+        for sigma in [0.002, 0.004, 0.02, 0.04, 0.06] {
+            for zero in [-0.15, 0.0, 0.15] {
+                let outcome = run(ShellStep::TranslateEThenTrim, |q| 30.0 + zero + scale * (q - 30.0), 0.0, 0.0, sigma);
+                let what = format!("scale {scale} zero {zero} σ = {sigma} px: {:?}", outcome.decisions);
+                assert!(outcome.least_e > -0.4, "{} {what}", outcome.least_e);
+                if scale > 1.5 {
+                    assert!(matches!(outcome.decisions.last(), Some(ShellDecision::Fault(_))), "{what}");
+                }
+            }
+        }
+    }
+}
+
+/// A first move that the noise hides is followed by one that tells, and by no long one.
+#[test]
+fn a_dead_axis_is_sent_no_long_way() {
+    for sigma in [0.004, 0.02, 0.04] {
+        let dead = run(ShellStep::TranslateEThenTrim, |_| 30.0, 0.0, 0.0, sigma);
+        assert!(
+            matches!(dead.decisions.last(), Some(ShellDecision::Fault(MoveFault::NotMoving { .. }))),
+            "{sigma}: {:?}",
+            dead.decisions
+        );
+        assert!(dead.least_reading > 19.0, "σ = {sigma} px: {:?}", dead.decisions);
+    }
+}
+
 /// Each of its moves is as long as what the ones before have shown of its scale, or too short to tell.
 #[test]
 fn an_axis_that_slips_all_the_way_ends_the_loop() {
