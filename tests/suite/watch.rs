@@ -12,8 +12,11 @@ use plenalign::device::faults::{Faults, PictureFault};
 use super::bench::{permit, service, small_config};
 use super::until::until;
 
+/// Short: of the time between two measurements every frame is rendered, too.
+const INTERVAL_S: f64 = 2.0;
+
 fn watch(duration_s: f64) -> JobRequest {
-    JobRequest { duration_s: Some(duration_s), interval_s: Some(20.0), ..JobRequest::of(JobKind::SpacingWatch) }
+    JobRequest { duration_s: Some(duration_s), interval_s: Some(INTERVAL_S), ..JobRequest::of(JobKind::SpacingWatch) }
 }
 
 /// How often a job could measure nothing.
@@ -42,7 +45,7 @@ async fn a_watch_goes_on_where_a_frame_cannot_be_measured_and_is_replayed_so() {
     darken(&service, |job| job.iterations.len() == 2 && gaps(job) < 2);
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("watch.mcap");
-    let id = service.create_job_recorded(&permit(&service), watch(200.0), file.clone()).await.unwrap().id;
+    let id = service.create_job_recorded(&permit(&service), watch(10.0 * INTERVAL_S), file.clone()).await.unwrap().id;
     until("the watch ends", async || service.job(id).unwrap().state.is_final()).await;
     let watched = service.job(id).unwrap();
     assert_eq!(watched.state, JobState::Succeeded, "{:?}\n{:#?}", watched.reason, watched.log);
@@ -53,7 +56,7 @@ async fn a_watch_goes_on_where_a_frame_cannot_be_measured_and_is_replayed_so() {
     assert_eq!(unmeasured, 2);
     assert!((7..=8).contains(&measured) && scatter_px < 0.02, "{measured}, {scatter_px}");
     // They took their turns.
-    for after in ["after 40 s", "after 60 s"] {
+    for after in ["after 4 s", "after 6 s"] {
         assert!(watched.log.iter().any(|line| line.message.contains(after)), "{after}: {:#?}", watched.log);
     }
     let replayed = replay(&file).await.unwrap();
@@ -64,7 +67,7 @@ async fn a_watch_goes_on_where_a_frame_cannot_be_measured_and_is_replayed_so() {
 async fn a_watch_that_could_measure_nothing_says_so() {
     let service = service(small_config(9)).await;
     darken(&service, |job| job.steps.iter().any(|step| step.name == "measuring"));
-    let id = service.create_job(&permit(&service), watch(60.0)).await.unwrap().id;
+    let id = service.create_job(&permit(&service), watch(3.0 * INTERVAL_S)).await.unwrap().id;
     until("the watch ends", async || service.job(id).unwrap().state.is_final()).await;
     let watched = service.job(id).unwrap();
     assert_eq!(watched.state, JobState::NotConverged, "{:?}\n{:#?}", watched.reason, watched.log);
