@@ -1,4 +1,4 @@
-// What keeps a job from beginning: homing is refused while a limit switch is pressed, and nothing else moves before it; a
+// What keeps a job from beginning: an axis or a camera that is not there; homing is refused while a limit switch is pressed, and nothing else moves before it; a
 // sweep goes between places, which there are none of before homing; and the shell step goes on from an air step.
 
 import { strings } from "./strings";
@@ -38,12 +38,19 @@ export function unhomed(bench: Bench, { kind, axis }: Asked): AxisName | null {
   return bench.axes.some((one) => one.axis === axis && !one.homed) ? (axis ?? null) : null;
 }
 
+/** The axes that it moves and whose line is lost. */
+function unplugged(bench: Bench, asked: Asked): AxisName[] {
+  return movedBy(asked).filter((axis) => bench.axes.some((one) => one.axis === axis && !one.connected));
+}
+
 /** Why a job cannot begin, and what to do first, in words. */
 export function barred(bench: Bench, asked: Asked): string[] {
-  const { leaveFirst, homeFirst, airFirst } = strings.byHand;
+  const { plugFirst, cameraFirst, leaveFirst, homeFirst, airFirst } = strings.byHand;
   const { short } = strings.axis;
   const lost = unhomed(bench, asked);
   return [
+    ...unplugged(bench, asked).map((axis) => plugFirst(short[axis])),
+    ...(asked.kind !== "homing" && !bench.camera.online ? [cameraFirst] : []),
     ...switched(bench, asked).map((axis) => leaveFirst(short[axis])),
     ...(lost ? [homeFirst(short[lost])] : []),
     ...(asked.kind === "shell_only" && !bench.air_step_holds ? [airFirst] : []),

@@ -65,6 +65,20 @@ describe("the shell step", () => {
   });
 });
 
+describe("what is not there", () => {
+  it("keeps the jobs from beginning that need it", () => {
+    const [focus, e] = bench.axes;
+    const lost = { ...bench, axes: [focus!, { ...e!, connected: false }] };
+    const why = (kind: "air_only" | "spacing_watch" | "homing", of = lost) => barred(of, { kind });
+    expect(why("air_only")).toEqual([strings.byHand.plugFirst("e")]);
+    expect(barred(lost, { kind: "homing", axes: ["focus"] })).toEqual([]);
+    expect(why("spacing_watch")).toEqual([]);
+    const blind = { ...bench, camera: { ...bench.camera, online: false } };
+    expect(why("spacing_watch", blind)).toEqual([strings.byHand.cameraFirst]);
+    expect(why("homing", blind)).toEqual([]);
+  });
+});
+
 describe("an axis on its limit switch", () => {
   const at = (...pressed: ("focus" | "e")[]) => ({
     ...bench,

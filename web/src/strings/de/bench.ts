@@ -69,6 +69,8 @@ export const byHand: typeof en.byHand = {
     high: "Der am oberen Ende",
   },
   leaveNot: "Nicht fahren",
+  plugFirst: (axis) => `${axis} ist nicht verbunden: zuerst nach Kabel und Strom ihrer Steuerung sehen.`,
+  cameraFirst: "Die Kamera liefert keine Bilder: zuerst nach ihrem Kabel und Strom sehen.",
   leaveFirst: (axis) =>
     `${axis} steht auf einem Endschalter: zuerst auf der Seite „Live“ von ihm wegfahren oder Ref. anfahren.`,
   homeFirst: (axis) =>

@@ -61,6 +61,7 @@ export const job: typeof en.job = {
       "Δv wird verstellt, bis es innerhalb der Toleranz liegt.",
     ],
     shell_only: [
+      "Eine Achse, deren Stellung unbekannt ist, fährt auf Referenz; e von der Kugelschale weg.",
       "Sie montieren die Kugelschale und füllen das Becken.",
       "e wird verstellt, bis der Punktabstand den Sollwert hat.",
     ],

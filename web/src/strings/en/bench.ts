@@ -71,6 +71,9 @@ export const byHand = {
     high: "The one at the high end",
   } satisfies Record<Side, string>,
   leaveNot: "Don’t move",
+  plugFirst: (axis: string) =>
+    `The ${axis} axis is not connected: see to its cable and its controller’s power first.`,
+  cameraFirst: "The camera gives no pictures: see to its cable and its power first.",
   leaveFirst: (axis: string) =>
     `The ${axis} axis stands on a limit switch: move it off, or home it, on the page Live first.`,
   homeFirst: (axis: string) =>

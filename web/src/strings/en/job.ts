@@ -57,7 +57,11 @@ export const job = {
       "White frame, then board: as the page says.",
       "Δv is moved until it is within tolerance.",
     ],
-    shell_only: ["You mount the shell and fill the tank.", "e is moved until the spacing meets its target."],
+    shell_only: [
+      "An axis whose place is not known is homed; e away from the shell.",
+      "You mount the shell and fill the tank.",
+      "e is moved until the spacing meets its target.",
+    ],
     clarity_only: [
       "An axis whose place is not known, or that stands at an end of its travel, is homed.",
       "White frame, then board: as the page says.",

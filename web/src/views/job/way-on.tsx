@@ -17,6 +17,14 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   const free = api.lease.other(bench.lease) === null;
   const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
   const barring = [...new Set(on.ways.flatMap(({ request }) => barred(bench, request)))];
+  const lost = job.state === "interrupted";
+  const notes = [
+    lost && words.look,
+    lost && bench.shell === "unknown" && words.shell,
+    on.airStep && words.airStep[on.airStep],
+    bench.stop.latched && words.resetFirst,
+    ...barring,
+  ].filter((note) => typeof note === "string");
   const start = async (request: JobRequest) => {
     setStarting(true);
     await act(api.startJob(request));
@@ -25,15 +33,13 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   return (
     <div class="way-on" role="group" aria-label={words.title}>
       <h3>{words.title}</h3>
-      <ul>
-        {job.state === "interrupted" && <li>{words.look}</li>}
-        {job.state === "interrupted" && bench.shell === "unknown" && <li>{words.shell}</li>}
-        {on.airStep && <li>{words.airStep[on.airStep]}</li>}
-        {bench.stop.latched && <li>{words.resetFirst}</li>}
-        {barring.map((why) => (
-          <li key={why}>{why}</li>
-        ))}
-      </ul>
+      {notes.length > 0 && (
+        <ul>
+          {notes.map((note) => (
+            <li key={note}>{note}</li>
+          ))}
+        </ul>
+      )}
       <p class="actions">
         {on.ways.map(({ is, request }, index) => (
           <button

@@ -200,7 +200,12 @@ impl Controller {
                         state.fault = Some("the controller is locked until it is homed".to_owned());
                     }
                     Mode::Alarm => {}
-                    Mode::Sleep => state.fault = Some("the controller is asleep; stop to wake it".to_owned()),
+                    Mode::Sleep => {
+                        state.fault = Some(
+                            "the controller is asleep, its motors without current: homing wakes it, and a stop does"
+                                .to_owned(),
+                        );
+                    }
                     Mode::Door => state.fault = Some("the controller's safety door is open".to_owned()),
                     Mode::Hold(_) => state.fault = Some("the controller is held; stop to release it".to_owned()),
                     _ => state.fault = None,
