@@ -117,6 +117,11 @@ try {
   await ana.page.locator(".start .aim", { hasText: "Δv 1.7448 mm at e 30.00 mm" }).waitFor();
   await ana.page.locator('.start input[name="e_mm"]').fill("0");
   await ana.page.locator(".start .aim", { hasText: "Δv 2.2050 mm at e 0.00 mm" }).waitFor();
+  // The plan is for the e that is typed, and refuses one at which the shell cannot be mounted.
+  await ana.page.locator(".start #plan[role=alert]").waitFor();
+  assert(await ana.page.locator("#start").isDisabled(), "a clarity job is offered where the lens touches");
+  await ana.page.locator('.start input[name="e_mm"]').fill("20");
+  await ana.page.locator(".start #plan", { hasText: "e is held at 20.0 mm" }).waitFor();
   await ana.page.locator("#kind").selectOption("homing");
   await ana.page.locator("#start").click();
   await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });

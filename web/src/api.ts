@@ -198,8 +198,8 @@ export const recent = () => request<Recent>("GET", "/api/v1/recent");
 export const design = () => request<Design>("GET", "/api/v1/design");
 export const draftDesign = (base: DraftBase, sections: Sections) =>
   request<Draft>("POST", "/api/v1/design", { base, ...sections });
-/** How the camera in force would be aligned. */
-export const plan = () => request<Plan>("POST", "/api/v1/plan", {});
+/** How the camera in force would be aligned, or one that is changed so. */
+export const plan = (sections: Sections = {}) => request<Plan>("POST", "/api/v1/plan", sections);
 export const devices = () => request<Devices>("GET", "/api/v1/devices");
 function withChange(now: Faults, change: FaultsChange): Faults {
   const parts = Object.entries(now) as [keyof Faults, object][];

@@ -7,22 +7,31 @@ import type { JobKind, Plan } from "../../wire";
 import { SetUpDrawing } from "./set-up";
 import { Explained } from "../term";
 
-/** What an alignment would do, and what stands in its way; null until this run of the daemon has said it: another may have
- *  another camera. */
-export function usePlan(wanted: boolean, { bootId, link }: State): Plan | null {
-  const [said, say] = useState<{ bootId: string | null; plan: Plan } | null>(null);
+/** Before what is typed is worked out, ms. */
+export const REST_MS = 200;
+
+/** What an alignment would do, and what stands in its way, with another e held (mm) than is configured where one is given;
+ *  null until this run of the daemon has said it: another may have another camera. */
+export function usePlan(wanted: boolean, eMm: number | null, { bootId, link }: State): Plan | null {
+  const [said, say] = useState<{ bootId: string | null; eMm: number | null; plan: Plan } | null>(null);
   const connected = link === "open";
   useEffect(() => {
     if (!wanted || !connected) return undefined;
     let still = true;
-    void api.plan().then((result) => {
-      if (still && result.ok) say({ bootId, plan: result.value });
-    });
+    const timer = setTimeout(
+      () => {
+        void api.plan(eMm === null ? {} : { assembly: { initial_e_mm: eMm } }).then((result) => {
+          if (still && result.ok) say({ bootId, eMm, plan: result.value });
+        });
+      },
+      eMm === null ? 0 : REST_MS,
+    );
     return () => {
       still = false;
+      clearTimeout(timer);
     };
-  }, [wanted, bootId, connected]);
-  return wanted && said?.bootId === bootId ? said.plan : null;
+  }, [wanted, eMm, bootId, connected]);
+  return wanted && said?.bootId === bootId && said.eMm === eMm ? said.plan : null;
 }
 
 /** A kind of job that goes by a plan; undefined for the others. */

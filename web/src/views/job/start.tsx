@@ -20,11 +20,9 @@ import type { AxisName, Design, JobKind } from "../../wire";
 import type { Given } from "../given";
 import { useKept } from "../kept";
 import { Explained } from "../term";
-import { isPossible, PlanSummary, usePlan } from "./plan";
+import { isPossible, PlanSummary, REST_MS, usePlan } from "./plan";
 import { Choice, Toggle } from "../toggle";
 
-/** Before what is typed is worked out, ms. */
-const REST_MS = 200;
 const AXES = ["focus", "e"] as const;
 /** Kinds that go where the joint solution says. */
 const JOINT: JobKind[] = ["joint_alignment", "air_only", "shell_only"];
@@ -49,7 +47,8 @@ export function StartJob(given: Given) {
   const checked = check(draft, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
-  const plan = usePlan(PLANNED.includes(draft.kind), state);
+  const eMm = eOf(draft, unit);
+  const plan = usePlan(PLANNED.includes(draft.kind), eMm, state);
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const other = api.lease.other(state.bench?.lease);
   const barring = state.bench ? barred(state.bench, draft) : [];
@@ -60,7 +59,7 @@ export function StartJob(given: Given) {
     barring.length === 0 &&
     able(state, "control") &&
     other === null &&
-    (plan === null || eOf(draft, unit) !== null || isPossible(plan, draft.kind));
+    (plan === null || isPossible(plan, draft.kind));
   const submit = async (event: Event) => {
     event.preventDefault();
     setTried(true);
@@ -100,7 +99,7 @@ export function StartJob(given: Given) {
           <li key={step}>{step}</li>
         ))}
       </ol>
-      <Aim kind={draft.kind} design={state.design} eMm={eOf(draft, unit)} unit={unit} />
+      <Aim kind={draft.kind} design={state.design} eMm={eMm} unit={unit} />
       {plan && <PlanSummary plan={plan} kind={draft.kind} unit={unit} />}
       {FIELDS[draft.kind].map((field) => {
         if (field.is === "number") {
