@@ -501,6 +501,10 @@ impl JobContext {
             job.progress.doing = "ended".to_owned();
             job.progress.time_left_s = None;
             job.reason = Some(reason);
+            // What the report does not tell was not reached.
+            if let Some(report) = &report {
+                job.progress.measure = job.progress.measure.take().filter(|measure| report.tells(measure));
+            }
             job.report = report;
         });
     }

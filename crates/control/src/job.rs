@@ -480,6 +480,16 @@ pub struct Report {
     pub truth: Option<serde_json::Value>,
 }
 
+impl Report {
+    /// Whether it tells the figure that a job was at last measured to have.
+    pub(super) fn tells(&self, measure: &Measure) -> bool {
+        match measure.name.as_str() {
+            "delta_v_mm" => self.delta_v_mm.is_some(),
+            _ => self.spacing_px.is_some(),
+        }
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use serde_json::json;
