@@ -3,9 +3,12 @@
 use plenalign::config::{CameraDriver, Config, LBoundSource, ShellStep};
 use plenalign::control::budget::Verdict;
 use plenalign::control::job::{JobSnapshot, JobState};
+use plenalign::control::{Refusal, ServiceError};
+use plenalign::device::AxisName;
 use plenalign::optics::MlaMode;
+use plenalign::units::Millimetres;
 
-use super::bench::{align, service, small_config};
+use super::bench::{align, permit, service, small_config};
 
 fn truth(job: &JobSnapshot) -> &serde_json::Value {
     job.report.as_ref().unwrap().truth.as_ref().unwrap()
@@ -113,6 +116,29 @@ async fn an_e_axis_that_goes_further_than_it_reads_touches_nothing() {
         assert_eq!(truth(&job)["touched_shell"], false, "{error}: {:?}", job.iterations);
         assert!(number(truth(&job), "e_mm") > -0.1, "{error}: {:?}", truth(&job));
     }
+}
+
+/// What a job has found out of an axis that goes further than it reads holds for whoever moves it by hand.
+#[tokio::test(start_paused = true)]
+async fn a_hand_goes_no_nearer_to_the_shell_than_the_picture_lets_it() {
+    let mut config = small_config(1);
+    config.bench.simulation.e_scale_error = 0.08;
+    let wall_mm = config.assembly.e_wall_mm(config.assembly.l_bound_mm);
+    let home_mm = config.bench.e.home_position_mm;
+    let service = service(config).await;
+    let job = align(&service).await;
+    assert_eq!(job.state, JobState::Converged, "{:?}", job.reason);
+    let shown = service.bench_view().e_wall_mm;
+    assert!(shown > wall_mm + 1.5, "{shown}");
+    let beyond = service.move_axis(&permit(&service), AxisName::E, Millimetres(0.5 * shown)).await;
+    assert!(matches!(beyond, Err(ServiceError::Refused(Refusal::Wall { .. }))), "{beyond:?}");
+    // As near as it may go, e is at the wall.
+    service.move_axis(&permit(&service), AxisName::E, Millimetres(shown)).await.unwrap();
+    let mut e = service.bench().e.state();
+    let stood_mm =
+        e.wait_for(|e| !e.moving && (e.position.value() - shown).abs() < 0.01).await.unwrap().position.value();
+    let e_mm = home_mm + 1.08 * (stood_mm - home_mm);
+    assert!((e_mm - wall_mm).abs() < 0.2, "{e_mm} at a wall of {wall_mm}");
 }
 
 #[tokio::test(start_paused = true)]

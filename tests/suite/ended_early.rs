@@ -47,7 +47,7 @@ async fn a_stopped_shell_step_does_not_tell_what_was_before_its_last_move() {
     assert!((report.e_readback_mm.unwrap() - measured_at).abs() > 0.1, "{report:?}");
     assert_eq!((report.e_mm, report.spacing_px, report.tilt_px, report.eog_after), (None, None, None, None));
     assert!(report.budget.is_none() && report.depth_of_field.is_none() && report.e_tolerance.is_none());
-    assert_eq!(report.fov_water_deg, None);
+    assert_eq!((report.fov_water_deg, &job.progress.measure), (None, &None));
     // The focus axis has not moved since.
     assert!(report.delta_v_mm.is_some() && report.delta_v_air_mm.is_some());
     assert!(report.shell_step_done.starts_with("ended before"), "{}", report.shell_step_done);

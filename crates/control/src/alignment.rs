@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use super::air::FREE_PROBES;
+use super::axis_model::AxisModel;
 use super::budget::{AirPlace, BoardSeen, TiltChange};
 use super::calibrated::CalibratedCamera;
 use super::context::{JobContext, JobEnd};
@@ -47,6 +48,8 @@ pub(super) struct Findings {
     pub(super) trim_mm: f64,
     /// Camera as calibrated.
     pub(super) camera: Option<CalibratedCamera>,
+    /// What the readings of the e axis mean, as the picture has it; `None` where it contradicts them.
+    pub(super) e_told: Option<AxisModel>,
     /// e as the picture has it and its standard uncertainty, mm.
     pub(super) e: Option<(f64, f64)>,
     /// The last measurement.

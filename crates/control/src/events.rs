@@ -273,7 +273,8 @@ pub struct BenchView {
     /// The job under way, by its id.
     #[schema(value_type = Option<String>, format = Uuid)]
     pub job: Option<uuid::Uuid>,
-    /// The e wall, mm.
+    /// The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads, where e is
+    /// at the wall already.
     pub e_wall_mm: f64,
     /// Why the history cannot be written, which keeps every axis still; absent while it can.
     pub history_fault: Option<String>,

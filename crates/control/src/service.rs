@@ -210,7 +210,7 @@ impl Service {
             stop: self.motion.stop_view(),
             lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),
-            e_wall_mm: self.motion.e_wall_mm(),
+            e_wall_mm: self.motion.e_wall_reading_mm(),
             history_fault: self.journal.fault(),
         }
     }

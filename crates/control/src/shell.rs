@@ -447,7 +447,8 @@ impl ShellLoop {
             self.at_optimum = true;
             return self.decide_again(here);
         }
-        self.at_optimum = confirmed;
+        // What is measured nearer to the shell may let it come nearer still.
+        self.at_optimum = confirmed && !self.held_off;
         self.move_e(to, here.trim_mm)
     }
 

@@ -43,6 +43,8 @@ impl Alignment<'_> {
             self.go(AxisName::Focus, focus_at_air).await?;
         }
         self.motion.shell_may_be_on();
+        // The loop finds it out anew, and keeps to it by itself.
+        self.motion.set_e_told(None);
         self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
         self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
         self.motion.set_shell(ShellState::On);

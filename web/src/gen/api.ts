@@ -1267,7 +1267,8 @@ export interface components {
       design_origin: string;
       /**
        * Format: double
-       * @description The e wall, mm.
+       * @description The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads, where e is
+       *     at the wall already.
        */
       e_wall_mm: number;
       /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */

@@ -131,7 +131,9 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     design_origin: str
     """Where the design's numbers come from."""
     e_wall_mm: float
-    """The e wall, mm."""
+    """The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads,
+    where e is at the wall already.
+    """
     history_fault: str | None = None
     """Why the history cannot be written, which keeps every axis still; absent while it can."""
     in_view: InView | UnsetType = UNSET

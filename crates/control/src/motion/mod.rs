@@ -23,6 +23,7 @@ pub use self::admission::{Admission, Claim, Stops};
 pub use self::halt::StopReport;
 use self::latch::Latch;
 use self::pieces::{Ahead, Pieces};
+use super::axis_model::AxisModel;
 use super::clock::{Part, enter};
 use super::events::ShellState;
 use super::journal::{Journal, Underway};
@@ -63,6 +64,8 @@ struct State {
     approached: [bool; 2],
     l_bound_mm: f64,
     contact: Contact,
+    /// What the e axis's readings mean, as the picture has told through the shell.
+    e_told: Option<AxisModel>,
 }
 
 fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
@@ -96,6 +99,7 @@ impl Motion {
                 approached: [false; 2],
                 l_bound_mm,
                 contact: Contact { e_mm: contact_mm, measured_sigma_mm: None },
+                e_told: None,
             }),
             shell_said: Notify::new(),
             commands: Commands::default(),
@@ -223,6 +227,11 @@ impl Motion {
         (state.l_bound_mm, state.contact) = (l_bound_mm, contact);
     }
 
+    /// Keeps what the picture has told of the e axis's readings, for whoever moves it from here on; `None` forgets it.
+    pub(super) fn set_e_told(&self, told: Option<AxisModel>) {
+        self.state().e_told = told;
+    }
+
     /// Moves an axis to `target` with its approach leg and returns the readback.
     ///
     /// # Errors
@@ -301,7 +310,7 @@ impl Motion {
         self.position_mm(axis)?;
         self.check_range(axis, at, target)?;
         let guarded = axis == AxisName::E && self.shell() != ShellState::Off;
-        Ok(guarded.then(|| self.e_wall_mm()))
+        Ok(guarded.then(|| self.e_wall_reading_mm()))
     }
 
     /// The greatest speed (mm/s) at which an axis jogs: its own, or what it can keep while it is told so little at a time

@@ -11,10 +11,18 @@ use plenoptics::units::Millimetres;
 const READOUT_MM: f64 = 1e-3;
 
 impl Motion {
-    /// The e wall in the homed axis's coordinate, mm.
+    /// The e wall, mm of e.
     #[must_use]
     pub fn e_wall_mm(&self) -> f64 {
         self.config.assembly.e_wall_mm(self.l_bound_mm())
+    }
+
+    /// The least reading of the e axis at the wall, mm: the wall itself, or where the picture has told that e is there
+    /// already, of an axis that goes further than it reads.
+    #[must_use]
+    pub fn e_wall_reading_mm(&self) -> f64 {
+        let (wall, told) = (self.e_wall_mm(), self.state().e_told);
+        told.map_or(wall, |told| wall.max(told.reading_for(wall)))
     }
 
     /// The positions an axis may be sent to now: least and greatest, mm.
@@ -24,7 +32,9 @@ impl Motion {
         match axis {
             AxisName::Focus => (config.low_limit_mm, config.high_limit_mm),
             // A wall beyond the travel leaves its far end.
-            AxisName::E => (config.low_limit_mm.max(self.e_wall_mm()).min(config.high_limit_mm), config.high_limit_mm),
+            AxisName::E => {
+                (config.low_limit_mm.max(self.e_wall_reading_mm()).min(config.high_limit_mm), config.high_limit_mm)
+            }
         }
     }
 
@@ -81,7 +91,7 @@ impl Motion {
             return Err(Refusal::Limit { axis, target, low: Millimetres(low), high: Millimetres(high) });
         }
         if axis == AxisName::E {
-            let wall = self.e_wall_mm();
+            let wall = self.e_wall_reading_mm();
             if target.value() < wall - READOUT_MM && !leads_back(wall, high) {
                 return Err(Refusal::Wall { target, wall: Millimetres(wall) });
             }
