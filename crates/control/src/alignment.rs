@@ -48,7 +48,7 @@ pub(super) struct Findings {
     pub(super) trim_mm: f64,
     /// Camera as calibrated.
     pub(super) camera: Option<CalibratedCamera>,
-    /// What the readings of the e axis mean, as the picture has it; `None` where it contradicts them.
+    /// What the readings of the e axis mean, as the picture has told; `None` where it has not, or contradicts them.
     pub(super) e_told: Option<AxisModel>,
     /// e as the picture has it and its standard uncertainty, mm.
     pub(super) e: Option<(f64, f64)>,

@@ -82,8 +82,8 @@ impl Alignment<'_> {
         }
         findings.moves_shell = shell.moves();
         let lost = matches!(decision, ShellDecision::Fault(fault) if fault.axis() == AxisName::E);
-        findings.e_told = (!lost).then(|| *shell.model());
-        findings.e = findings.e_told.map(|told| told.predict(e_reading_mm));
+        findings.e_told = shell.told().filter(|_| !lost);
+        findings.e = (!lost).then(|| shell.model().predict(e_reading_mm));
         findings.e_scale = shell.scale();
         findings.trim_mm = trim_mm;
         findings.seen = Some(seen.clone());

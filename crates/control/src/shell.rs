@@ -178,11 +178,17 @@ struct Way {
     travel: f64,
     seen: f64,
     sigma: f64,
+    /// By how much it may be another than is shown, play included, mm.
+    untold: f64,
 }
 
 impl Way {
     fn is_followed(self) -> bool {
         follows(self.travel, self.seen, self.sigma)
+    }
+
+    fn tells_scale(self) -> bool {
+        self.is_followed() && self.untold <= SCALE_TOLD * self.seen
     }
 }
 
@@ -216,6 +222,12 @@ impl ShellLoop {
         self.moves
     }
 
+    /// What the e axis's readings mean, once the picture has told their scale.
+    #[must_use]
+    pub fn told(&self) -> Option<AxisModel> {
+        self.way().is_some_and(Way::tells_scale).then_some(self.model)
+    }
+
     /// What the e axis's readings mean, as far as the picture has shown.
     #[must_use]
     pub fn model(&self) -> &AxisModel {
@@ -225,7 +237,7 @@ impl ShellLoop {
     /// True travel of e over commanded travel, once the picture has followed a move: until then it is the configuration's.
     #[must_use]
     pub fn scale(&self) -> Option<f64> {
-        self.way().is_some_and(|way| way.is_followed()).then(|| self.model.scale().0)
+        self.way().is_some_and(Way::is_followed).then(|| self.model.scale().0)
     }
 
     /// The measurements at the present pose, combined.
@@ -313,7 +325,9 @@ impl ShellLoop {
         let by_reading = |one: &&Shown, other: &&Shown| one.reading.total_cmp(&other.reading);
         let (low, high) = self.shown.iter().min_by(by_reading).zip(self.shown.iter().max_by(by_reading))?;
         let travel = high.reading - low.reading;
-        (travel > 0.0).then(|| Way { travel, seen: high.e - low.e, sigma: low.sigma.hypot(high.sigma) })
+        let sigma = low.sigma.hypot(high.sigma);
+        let untold = TOLD_SIGMAS * sigma + self.goal.backlash_mm;
+        (travel > 0.0).then_some(Way { travel, seen: high.e - low.e, sigma, untold })
     }
 
     /// The reading (mm) nearest to the shell that one move may go to: this side of the wall at any scale that the picture
@@ -321,12 +335,11 @@ impl ShellLoop {
     fn nearest(&self, here: ShellObservation) -> f64 {
         let from = here.e_reading_mm;
         let Some(way) = self.way() else { return from - self.goal.probe_mm };
-        let untold = TOLD_SIGMAS * way.sigma + self.goal.backlash_mm;
-        if way.is_followed() && untold <= SCALE_TOLD * way.seen {
+        if way.tells_scale() {
             return f64::NEG_INFINITY;
         }
         let free = (self.model.predict(from).0 - self.goal.wall_mm).max(0.0);
-        let clear = free * way.travel / (way.seen.abs() + untold);
+        let clear = free * way.travel / (way.seen.abs() + way.untold);
         from - if way.is_followed() { clear } else { clear.min(UNFOLLOWED * way.travel) }
     }
 

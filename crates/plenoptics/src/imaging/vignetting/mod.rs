@@ -274,8 +274,8 @@ impl Vignetting {
             squares.iter_mut().zip(apart).for_each(|(sum, difference)| *sum += difference * difference);
         }
         // Texture makes a radius of few micro-images uncertain: each part has to show it.
-        let shown = parts.len() == 4 && parts.iter().all(|part| self.blurred(part, grid).is_some());
-        let blurred = self.blurred(&whole, grid).filter(|_| shown);
+        let shown = || parts.len() == 4 && parts.iter().all(|part| self.blurred(part, grid).is_some());
+        let blurred = self.blurred(&whole, grid).filter(|_| shown());
         let fit = |k: usize| {
             let misfit = misfits[k];
             // Four parts: the variance of their mean is the sum of squares over 4 * 3.
@@ -288,7 +288,7 @@ impl Vignetting {
 
     /// The usable radius of a frame's own profile, relative to this one's, where that frame is blurred as a whole beside it.
     fn blurred(&self, own: &Self, grid: &Grid) -> Option<f64> {
-        let radius = usable_radius(own, grid) / usable_radius(self, grid);
+        let radius = usable_radius(own, grid) / self.usable_radius;
         let light = |profile: &Self| {
             profile.terms.iter().map(|terms| f64::from(terms[0])).sum::<f64>() / profile.terms.len() as f64
         };
