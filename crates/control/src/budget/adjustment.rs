@@ -7,6 +7,8 @@ use nalgebra::{DMatrix, DVector};
 const ROUNDS: usize = 6;
 /// By how much an unknown is moved for a slope, in units of its standard uncertainty beforehand.
 const STEP: f64 = 1e-3;
+/// What is no further off than so many standard uncertainties goes together: of some ten that could be, one is in ten cases.
+const GOES_TOGETHER: f64 = 2.5;
 
 /// A measurement.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,18 +90,26 @@ impl Adjusted {
 
     /// The covariance of two results.
     pub(super) fn covariance_of(&self, one: &DVector<f64>, other: &DVector<f64>) -> f64 {
-        (one.transpose() * &self.covariance * other)[0]
+        self.strain().powi(2) * (one.transpose() * &self.covariance * other)[0]
+    }
+
+    /// By how much more than its standard uncertainties say each result is uncertain: where what was thought and what was
+    /// measured do not go together, one of them is wrong by what they are apart, and nobody knows which.
+    fn strain(&self) -> f64 {
+        let pulls = (0..self.unknowns.len()).map(|unknown| self.pull(unknown));
+        let furthest = pulls.chain(self.left.iter().copied()).fold(0.0, |most: f64, off| most.max(off.abs()));
+        (furthest / GOES_TOGETHER).max(1.0)
     }
 
     /// What a result is uncertain by because an unknown was: these, and those of the measurements, squared add up to its
     /// variance.
     pub(super) fn by_unknown(&self, slopes: &DVector<f64>, unknown: usize) -> f64 {
-        (slopes.transpose() * self.covariance.column(unknown))[0].abs()
+        self.strain() * (slopes.transpose() * self.covariance.column(unknown))[0].abs()
     }
 
     /// What a result is uncertain by because a measurement was.
     pub(super) fn by_measurement(&self, slopes: &DVector<f64>, measurement: usize) -> f64 {
-        (slopes.transpose() * self.moves.column(measurement))[0].abs()
+        self.strain() * (slopes.transpose() * self.moves.column(measurement))[0].abs()
     }
 }
 
@@ -153,6 +163,9 @@ mod tests {
         assert!(not.pull(1).abs() > 4.0, "{not:?}");
         let alone = not.without(1).unwrap();
         assert!((alone.value - 6.0).abs() < 3.0 * alone.sigma, "{alone:?}");
+        // Whichever of the two is wrong, results are as uncertain as that makes them.
+        let of = DVector::from_row_slice(&[1.0, 0.0]);
+        assert!(not.sigma(&of) > 1.5 * fits.sigma(&of), "{} {}", not.sigma(&of), fits.sigma(&of));
     }
 
     #[test]
