@@ -1,5 +1,6 @@
-// What keeps a job from beginning: an axis or a camera that is not there; homing is refused while a limit switch is pressed, and nothing else moves before it; a
-// sweep goes between places, which there are none of before homing; and the shell step goes on from an air step.
+// What keeps a job from beginning: an axis or a camera that is not there; homing is refused while a limit switch is pressed,
+// and nothing else moves before it; a sweep goes between places, which there are none of before homing; and the shell step
+// goes on from an air step.
 
 import { strings } from "./strings";
 import type { AxisName, Bench, JobKind } from "./wire";

@@ -17,10 +17,10 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   const free = api.lease.other(bench.lease) === null;
   const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
   const barring = [...new Set(on.ways.flatMap(({ request }) => barred(bench, request)))];
-  const lost = job.state === "interrupted";
+  const interrupted = job.state === "interrupted";
   const notes = [
-    lost && words.look,
-    lost && bench.shell === "unknown" && words.shell,
+    interrupted && words.look,
+    interrupted && bench.shell === "unknown" && words.shell,
     on.airStep && words.airStep[on.airStep],
     bench.stop.latched && words.resetFirst,
     ...barring,
