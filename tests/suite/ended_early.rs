@@ -7,9 +7,10 @@ use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, Stage};
 use plenalign::control::{Refusal, Service, ServiceError};
 use plenalign::device::AxisName;
-use plenalign::device::faults::Faults;
+use plenalign::device::faults::{AxisFaults, Faults};
 use plenalign::units::Millimetres;
 use tokio::sync::broadcast::error::RecvError;
+use tokio::task::JoinHandle;
 
 use super::bench::{align, permit, run, service, small_config};
 
@@ -23,6 +24,21 @@ async fn once(service: &Arc<Service>, there: impl Fn(&JobSnapshot) -> bool) -> J
             Err(RecvError::Closed) => panic!("the service ended before its job"),
         }
     }
+}
+
+/// Has an axis stand still, whatever it is told, once a job has come so far.
+fn stalled_once(
+    service: &Arc<Service>,
+    there: impl Fn(&JobSnapshot) -> bool + Send + 'static,
+    axis: impl Fn(&mut Faults) -> &mut AxisFaults + Send + 'static,
+) -> JoinHandle<()> {
+    let service = Arc::clone(service);
+    tokio::spawn(async move {
+        once(&service, there).await;
+        let mut faults = Faults::default();
+        axis(&mut faults).stalled = true;
+        service.set_faults(faults);
+    })
 }
 
 #[tokio::test(start_paused = true)]
@@ -63,15 +79,7 @@ async fn a_stopped_shell_step_does_not_tell_what_was_before_its_last_move() {
 #[tokio::test(start_paused = true)]
 async fn a_failed_air_step_tells_only_what_it_measured() {
     let service = service(small_config(1)).await;
-    let stalling = tokio::spawn({
-        let service = Arc::clone(&service);
-        async move {
-            once(&service, |job| !job.iterations.is_empty()).await;
-            let mut faults = Faults::default();
-            faults.focus.stalled = true;
-            service.set_faults(faults);
-        }
-    });
+    let stalling = stalled_once(&service, |job| !job.iterations.is_empty(), |faults| &mut faults.focus);
     let job = run(&service, JobRequest::of(JobKind::AirOnly)).await;
     stalling.await.unwrap();
     assert_eq!(job.state, JobState::Failed, "{:?}", job.reason);
@@ -96,15 +104,8 @@ async fn a_failed_air_step_tells_only_what_it_measured() {
 #[tokio::test(start_paused = true)]
 async fn a_failed_shell_step_tells_no_e_of_before() {
     let service = service(small_config(1)).await;
-    let stalling = tokio::spawn({
-        let service = Arc::clone(&service);
-        async move {
-            once(&service, |job| job.iterations.iter().any(|one| one.stage == Stage::Shell)).await;
-            let mut faults = Faults::default();
-            faults.e.stalled = true;
-            service.set_faults(faults);
-        }
-    });
+    let in_shell_step = |job: &JobSnapshot| job.iterations.iter().any(|one| one.stage == Stage::Shell);
+    let stalling = stalled_once(&service, in_shell_step, |faults| &mut faults.e);
     let job = align(&service).await;
     stalling.await.unwrap();
     assert_eq!(job.state, JobState::Failed, "{:?}", job.reason);

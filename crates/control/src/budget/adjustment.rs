@@ -30,6 +30,9 @@ pub(super) struct Adjusted {
     moves: DMatrix<f64>,
     /// What is left of each measurement, in units of what can be expected of it.
     pub(super) left: Vec<f64>,
+    /// By how much more than its standard uncertainties say each result is uncertain: where what was thought and what was
+    /// measured do not go together, one of them is wrong by what they are apart, and nobody knows which.
+    strain: f64,
 }
 
 impl Adjusted {
@@ -58,9 +61,13 @@ impl Adjusted {
         let residual = seen - weighted(predicted(&unknowns));
         let expected = DMatrix::identity(measured.len(), measured.len()) - &slopes * &covariance * slopes.transpose();
         let left = residual.iter().enumerate().map(|(k, left)| left / expected[(k, k)].max(f64::EPSILON).sqrt());
-        let left = left.collect();
+        let left: Vec<f64> = left.collect();
         let moves = &covariance * slopes.transpose();
-        unknowns.iter().all(|unknown| unknown.is_finite()).then_some(Self { unknowns, covariance, moves, left })
+        let mut found = Self { unknowns, covariance, moves, left, strain: 1.0 };
+        let pulls = (0..count).map(|unknown| found.pull(unknown));
+        let furthest = pulls.chain(found.left.iter().copied()).fold(0.0, |most: f64, off| most.max(off.abs()));
+        found.strain = (furthest / GOES_TOGETHER).max(1.0);
+        found.unknowns.iter().all(|unknown| unknown.is_finite()).then_some(found)
     }
 
     /// By how many standard uncertainties what was thought of an unknown is away from what the measurements say of it.
@@ -90,26 +97,18 @@ impl Adjusted {
 
     /// The covariance of two results.
     pub(super) fn covariance_of(&self, one: &DVector<f64>, other: &DVector<f64>) -> f64 {
-        self.strain().powi(2) * (one.transpose() * &self.covariance * other)[0]
-    }
-
-    /// By how much more than its standard uncertainties say each result is uncertain: where what was thought and what was
-    /// measured do not go together, one of them is wrong by what they are apart, and nobody knows which.
-    fn strain(&self) -> f64 {
-        let pulls = (0..self.unknowns.len()).map(|unknown| self.pull(unknown));
-        let furthest = pulls.chain(self.left.iter().copied()).fold(0.0, |most: f64, off| most.max(off.abs()));
-        (furthest / GOES_TOGETHER).max(1.0)
+        self.strain.powi(2) * (one.transpose() * &self.covariance * other)[0]
     }
 
     /// What a result is uncertain by because an unknown was: these, and those of the measurements, squared add up to its
     /// variance.
     pub(super) fn by_unknown(&self, slopes: &DVector<f64>, unknown: usize) -> f64 {
-        self.strain() * (slopes.transpose() * self.covariance.column(unknown))[0].abs()
+        self.strain * (slopes.transpose() * self.covariance.column(unknown))[0].abs()
     }
 
     /// What a result is uncertain by because a measurement was.
     pub(super) fn by_measurement(&self, slopes: &DVector<f64>, measurement: usize) -> f64 {
-        self.strain() * (slopes.transpose() * self.moves.column(measurement))[0].abs()
+        self.strain * (slopes.transpose() * self.moves.column(measurement))[0].abs()
     }
 }
 
