@@ -48,6 +48,8 @@ pub(super) struct Capturer {
     /// Why the camera's clock was not believed, where it was given up for that: it is opened anew to go by arrival, and by
     /// its clock again once it was away.
     pub(super) distrusted: Option<String>,
+    /// Whether a frame came since the camera was last away.
+    pub(super) has_sent: bool,
 }
 
 /// What is known of the stream since it began.
@@ -77,8 +79,11 @@ impl Capture for Capturer {
         controls.extend(self.set_by_hand.lock().unwrap_or_else(PoisonError::into_inner).clone());
         let (config, format, size) = (self.config.clone(), self.format, self.outlet.size());
         let distrusted = self.distrusted.take();
-        let Running { mut opened, mut frames, mut stream, in_use } =
-            within(OPEN_WITHIN, move |wanted| Running::begin(&config, &controls, (format, size), distrusted, wanted))?;
+        let running =
+            within(OPEN_WITHIN, move |wanted| Running::begin(&config, &controls, (format, size), distrusted, wanted));
+        // One that cannot be opened is away, and may come back by another cable.
+        self.has_sent &= running.is_ok();
+        let Running { mut opened, mut frames, mut stream, in_use } = running?;
         self.outlet.pace(stream.agreed.interval);
         let ended = self.take_frames(&mut opened.device, &mut frames, &mut stream);
         if stream.hold.is_silent() {
@@ -178,13 +183,6 @@ impl Capturer {
         let timeout = Duration::from_millis(self.config.timeout_ms);
         while !self.outlet.has_ended() {
             stream.hold.check(device)?;
-            if stream.good_at.elapsed() > timeout {
-                return Err(format!(
-                    "no good frame came within {} ms; {}",
-                    timeout.as_millis(),
-                    why_none(device, stream)
-                ));
-            }
             self.follow_orders(device, stream)?;
             self.renew_clock(device, stream)?;
             let asked_at = Instant::now();
@@ -231,6 +229,15 @@ impl Capturer {
             }
             // Nothing waited after it was asked for.
             stream.dating.nothing_waited(asked_at);
+            self.has_sent |= stream.dating.has_begun();
+            // What came by then has been seen, however long this program was kept from looking.
+            if asked_at.saturating_duration_since(stream.good_at) > timeout {
+                return Err(format!(
+                    "no good frame came within {} ms; {}",
+                    timeout.as_millis(),
+                    why_none(device, stream, self.has_sent)
+                ));
+            }
             if news {
                 self.tell(stream, count);
             }
@@ -355,8 +362,8 @@ impl Capturer {
 }
 
 /// Why no frames come, as far as the camera's answers and what came before tell.
-fn why_none(device: &Device, stream: &mut Stream) -> String {
-    match (&stream.damage, stream.hold.ask(device), stream.dating.has_begun()) {
+fn why_none(device: &Device, stream: &mut Stream, has_sent: bool) -> String {
+    match (&stream.damage, stream.hold.ask(device), has_sent) {
         (_, Err(why), _) => why,
         (Some(why), Ok(()), _) => format!("the last one was damaged: {why}"),
         (None, Ok(()), true) => {

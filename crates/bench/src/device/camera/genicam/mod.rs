@@ -64,7 +64,16 @@ impl GenicamCamera {
         let (feed, outlet) = feed::feed(config, size, poses, CameraState::not_yet("genicam", "not opened yet"));
         let (orders, taken) = mpsc::channel();
         let set_by_hand = Arc::<KeptControls>::default();
-        feed::spawn(Capturer { config: config.clone(), set_by_hand, format, outlet, orders: taken, distrusted: None })?;
+        let config = config.clone();
+        feed::spawn(Capturer {
+            config,
+            set_by_hand,
+            format,
+            outlet,
+            orders: taken,
+            distrusted: None,
+            has_sent: false,
+        })?;
         Ok(Self { feed, orders })
     }
 
