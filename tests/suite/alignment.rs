@@ -5,6 +5,7 @@ use plenalign::control::budget::Verdict;
 use plenalign::control::job::{JobSnapshot, JobState};
 use plenalign::control::{Refusal, ServiceError};
 use plenalign::device::AxisName;
+use plenalign::device::faults::Faults;
 use plenalign::optics::MlaMode;
 use plenalign::units::Millimetres;
 
@@ -115,6 +116,25 @@ async fn an_e_axis_that_goes_further_than_it_reads_touches_nothing() {
         assert_eq!(job.state, state, "{error}: {:?}", job.reason);
         assert_eq!(truth(&job)["touched_shell"], false, "{error}: {:?}", job.iterations);
         assert!(number(truth(&job), "e_mm") > -0.1, "{error}: {:?}", truth(&job));
+    }
+}
+
+/// Each is far beyond what is configured to be possible: 14 and 20 standard uncertainties, and 25 and three.
+#[tokio::test(start_paused = true)]
+async fn no_mistake_that_is_not_seen_has_the_lens_touch() {
+    let mistakes = [(0.7, 0.0, 0.0), (1.0, 0.0, 0.0), (-1.0, 0.0, 0.0), (0.0, 25.0, -0.6)];
+    for (radius_mm, board_mm, zero_mm) in mistakes {
+        let mut config = small_config(2);
+        config.assembly.initial_e_mm = 8.0;
+        config.bench.simulation.water_board_error_mm = board_mm;
+        config.bench.simulation.e_zero_offset_mm = zero_mm;
+        let service = service(config).await;
+        let mut faults = Faults::default();
+        faults.scene.shell_radius_mm = radius_mm;
+        service.set_faults(faults);
+        let job = align(&service).await;
+        let ended = format!("{radius_mm}, {board_mm}, {zero_mm} mm: {:?} {:?}", job.state, job.reason);
+        assert_eq!(truth(&job)["touched_shell"], false, "{ended}\n{:?}", job.iterations);
     }
 }
 

@@ -195,10 +195,12 @@ try {
     await page.locator(".meter-scale").waitFor();
     await lengthsIn(page, "µm");
   }
-  const deltaV = /Δv\s*(\d{4}\.\d) ± (\d\d\.\d) µm, target (22\d\d\.\d) µm/;
+  const deltaV = /Δv\s*(\d{4}\.\d) ± (\d\d\.\d) µm, target (\d{4}\.\d) µm/;
   await page.locator(".result", { hasText: deltaV }).waitFor();
   const [, found, sigma, target] = (await page.locator(".result").innerText()).match(deltaV).map(Number);
   assert(Math.abs(found - target) < 3 * sigma, `Δv ${found} ± ${sigma} µm for ${target} µm`);
+  // That of where e is held: 2205 µm at e = 0, and 18 µm less a millimetre further away.
+  assert(target > 2185 && target < 2210, `Δv is to be ${target} µm`);
   const verdict = /Δv = (\d{4}\.\d) ± (\d+\.\d) µm/;
   const [, concluded, stated] = (await page.locator(".result .verdict").innerText())
     .match(verdict)

@@ -100,6 +100,6 @@ impl Alignment<'_> {
             sigma_random_px: seen.sigma_random_px,
         };
         let seen = Evidence { shell: vec![pose], window_px: seen.window_px, ..in_air };
-        Some(e_axis(&config, &seen)?.predict(least_e).1)
+        Some(e_axis(&config, &seen)?.by_all.predict(least_e).1)
     }
 }

@@ -17,23 +17,61 @@ pub struct Contact {
     pub measured_sigma_mm: Option<f64>,
 }
 
-/// The room between lens and shell.
+/// What the e axis's readings mean, with all that is taken for granted. Picture and axis each tell e; where one of them is wrong
+/// by more than is said of it, what both together tell is wrong by a part of that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct EAxis {
+    /// By all that was seen and is taken for granted.
+    pub by_all: AxisModel,
+    /// By the picture rather, with the axis's zero in doubt.
+    pub by_picture: AxisModel,
+    /// By the axis rather, with the shell's radii, and where the board stands in the water, in doubt.
+    pub by_axis: AxisModel,
+}
+
+impl EAxis {
+    /// Where there is nothing else that tells e.
+    #[must_use]
+    pub fn alone(e: AxisModel) -> Self {
+        Self { by_all: e, by_picture: e, by_axis: e }
+    }
+
+    /// Each of them.
+    fn each(self) -> [AxisModel; 3] {
+        [self.by_all, self.by_picture, self.by_axis]
+    }
+}
+
+/// The room between lens and shell. No single mistake has the lens touch: each of what tells e has to leave enough of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Room {
     /// Where the lens touches.
     pub contact: Contact,
-    /// What the e axis's readings mean, with all that is taken for granted. Much of it a contact that was measured is wrong by,
-    /// too, and alike; it counts for both all the same.
-    pub e: AxisModel,
+    /// What the e axis's readings mean. Much of what that is wrong by a contact that was measured is wrong by, too, and alike;
+    /// it counts for both all the same.
+    pub e: EAxis,
 }
 
 impl Room {
-    /// How many of its standard uncertainties e is from where the lens touches, at a reading, mm.
+    /// How many of its standard uncertainties e is from where the lens touches, at a reading, mm, by what leaves the fewest.
     fn sigmas_left(&self, reading_mm: f64) -> f64 {
-        let (e_mm, sigma_mm) = self.e.predict(reading_mm);
+        self.e.each().map(|e| self.sigmas_left_by(e, reading_mm)).into_iter().fold(f64::INFINITY, f64::min)
+    }
+
+    fn sigmas_left_by(&self, e: AxisModel, reading_mm: f64) -> f64 {
+        let (e_mm, sigma_mm) = e.predict(reading_mm);
         let sigma_mm = sigma_mm.hypot(self.contact.measured_sigma_mm.unwrap_or(0.0));
         let left_mm = e_mm - self.contact.e_mm;
         if sigma_mm > 0.0 { left_mm / sigma_mm } else { left_mm.signum() * f64::INFINITY }
+    }
+
+    /// e and its standard uncertainty (mm) at a reading (mm), by what leaves the least room.
+    #[must_use]
+    pub fn nearest_e(&self, reading_mm: f64) -> (f64, f64) {
+        let left = |e: &AxisModel| self.sigmas_left_by(*e, reading_mm);
+        let each = self.e.each();
+        let nearest = each.iter().min_by(|one, other| left(one).total_cmp(&left(other))).unwrap_or(&self.e.by_all);
+        nearest.predict(reading_mm)
     }
 
     /// Whether the lens may be taken there.
@@ -75,7 +113,24 @@ mod tests {
     use super::*;
 
     fn room(sigma_mm: f64, measured_sigma_mm: Option<f64>) -> Room {
-        Room { contact: Contact { e_mm: -0.5, measured_sigma_mm }, e: AxisModel::new(0.0, 0.1, sigma_mm, 0.0) }
+        let e = EAxis::alone(AxisModel::new(0.0, 0.1, sigma_mm, 0.0));
+        Room { contact: Contact { e_mm: -0.5, measured_sigma_mm }, e }
+    }
+
+    #[test]
+    fn each_of_what_tells_e_has_to_leave_room() {
+        let near = AxisModel::new(0.0, -0.2, 0.15, 0.0);
+        let EAxis { by_all, .. } = room(0.1, None).e;
+        for e in [
+            EAxis { by_all: near, ..EAxis::alone(by_all) },
+            EAxis { by_picture: near, ..EAxis::alone(by_all) },
+            EAxis { by_axis: near, ..EAxis::alone(by_all) },
+        ] {
+            let room = Room { e, ..room(0.1, None) };
+            assert!(!room.lets(0.0) && room.asks_back(0.0) && room.lets(0.2), "{e:?}");
+            assert_eq!(room.nearest_e(0.0), (-0.2, 0.15));
+        }
+        assert!(room(0.1, None).lets(0.0));
     }
 
     #[test]

@@ -175,9 +175,10 @@ impl Alignment<'_> {
             return;
         };
         let Some(here) = shell.here() else { return };
-        let (e_mm, sigma_mm) = room.e.predict(here.e_reading_mm);
+        let (e_mm, _) = room.e.by_all.predict(here.e_reading_mm);
+        let (nearest_mm, sigma_mm) = room.nearest_e(here.e_reading_mm);
         let said = format!(
-            "e is {e_mm:.2} mm and not {:.2} mm: it is known to ± {sigma_mm:.2} mm, and three of those have to lie between the lens and where it touches the shell, e = {:.2} mm; the largest parts of the budget say what would bring it nearer",
+            "e is {e_mm:.2} mm and not {:.2} mm: as picture or axis has it, whichever is nearer, it is {nearest_mm:.2} ± {sigma_mm:.2} mm, and three of those have to lie between the lens and where it touches the shell, e = {:.2} mm; the largest parts of the budget say what would bring it nearer",
             wanted.e, room.contact.e_mm
         );
         self.context.log(said.clone());

@@ -14,7 +14,7 @@ use crate::control::air::{AirDecision, AirLoop, AirObservation};
 use crate::control::axis_model::AxisModel;
 use crate::control::calibrated::CalibratedCamera;
 use crate::control::plan::Plan;
-use crate::control::room::{Contact, Room};
+use crate::control::room::{Contact, EAxis, Room};
 use crate::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use crate::imaging::measurement::{FrameOptions, WhiteModel, measure_frame};
 use crate::sim::renderer::{CameraTruth, Medium};
@@ -226,7 +226,7 @@ impl<'a> Bench<'a> {
         // Nothing but the axes is off, and those the loop learns by itself.
         let home_mm = self.config.bench.e.home_position_mm;
         let contact = Contact { e_mm: assembly.contact_mm(), measured_sigma_mm: None };
-        let room = Room { contact, e: AxisModel::new(home_mm, home_mm, 0.0, 0.0) };
+        let room = Room { contact, e: EAxis::alone(AxisModel::new(home_mm, home_mm, 0.0, 0.0)) };
         let mut e = plan.mount_e_mm;
         let mut shell = Taken { least_e_mm: self.e.truth(e), ..Taken::default() };
         let mut trim = 0.0;

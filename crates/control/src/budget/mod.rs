@@ -29,7 +29,8 @@ pub use self::evidence::{AirPlace, BoardSeen, Evidence, PitchSeen, TiltChange};
 
 use self::adjustment::{Adjusted, slopes};
 use self::model::Model;
-use crate::axis_model::AxisModel;
+use self::part::Part;
+use crate::room::EAxis;
 
 /// A part that is further off than this many standard uncertainties contradicts the measurements.
 const CONTRADICTS: f64 = 4.0;
@@ -193,13 +194,21 @@ impl Budget {
     }
 }
 
-/// What the e axis's readings mean by all that was seen and all that is taken for granted. `None` where what was seen fits
-/// nothing.
+/// What the e axis's readings mean by all that was seen and all that is taken for granted, and where a half of that is in doubt.
+/// `None` where what was seen fits nothing.
 #[must_use]
-pub fn e_axis(config: &Config, seen: &Evidence) -> Option<AxisModel> {
+pub fn e_axis(config: &Config, seen: &Evidence) -> Option<EAxis> {
     let model = Model::new(config, seen)?;
-    let (_, adjusted) = model.adjusted()?;
-    Some(model.e_axis(&adjusted))
+    let in_doubt_of = |doubtful: &[Part]| {
+        let model = model.in_doubt_of(doubtful);
+        let (_, adjusted) = model.adjusted()?;
+        Some(model.e_axis(&adjusted))
+    };
+    Some(EAxis {
+        by_all: in_doubt_of(&[])?,
+        by_picture: in_doubt_of(&[Part::EZero])?,
+        by_axis: in_doubt_of(&[Part::OuterRadius, Part::InnerRadius, Part::BoardInWater])?,
+    })
 }
 
 /// What each part does, those of one name together.

@@ -17,8 +17,11 @@ const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;
 
 /// What a spacing is uncertain by out of focus, as a share of what it differs by from the one in focus.
 const BLUR_SHARE: f64 = 0.01;
+/// Where a part is in doubt, its standard uncertainty is so many times as large.
+const DOUBT: f64 = 5.0;
 /// An alignment's equations. Unknown are the parts, in units of their standard uncertainties, and d at the end of the air
 /// step, in units of [`LENS_TO_MLA_SIGMA_MM`].
+#[derive(Clone)]
 pub(super) struct Model<'a> {
     config: &'a Config,
     design: CameraDesign,
@@ -66,6 +69,17 @@ impl<'a> Model<'a> {
         });
         model.excess_px = excess.collect();
         Some(model)
+    }
+
+    /// The same equations where some parts are in doubt. One that is exact stays so.
+    pub(super) fn in_doubt_of(&self, doubtful: &[Part]) -> Self {
+        let mut model = self.clone();
+        for (part, sigma) in &mut model.parts {
+            if doubtful.contains(part) {
+                *sigma *= DOUBT;
+            }
+        }
+        model
     }
 
     /// How many unknowns there are.

@@ -1,6 +1,6 @@
 use super::*;
 use crate::calibrated::tests::preset;
-use crate::room::Contact;
+use crate::room::{Contact, EAxis};
 
 fn goal(step: ShellStep) -> ShellGoal {
     ShellGoal {
@@ -111,7 +111,7 @@ fn drive(
 
 /// The room where the lens touches half a millimetre beyond an l_bound of 0.
 fn room(e: AxisModel) -> Room {
-    Room { contact: Contact { e_mm: -0.5, measured_sigma_mm: None }, e }
+    Room { contact: Contact { e_mm: -0.5, measured_sigma_mm: None }, e: EAxis::alone(e) }
 }
 
 fn moves(outcome: &Outcome) -> usize {
