@@ -32,11 +32,11 @@ export function Lease({ state, act, now }: Given) {
           ? strings.lease.mine(called(lease.owner))
           : strings.lease.held(another(lease.owner), lease.note);
   const more =
-    lease === null || mine || state.link !== "open"
+    lease === null || state.link !== "open"
       ? ""
       : lease.job
         ? strings.lease.byJob
-        : left === null
+        : mine || left === null
           ? ""
           : strings.lease.left(left);
   const holder = lease === null ? "free" : mine ? "mine" : "others";
@@ -50,7 +50,7 @@ export function Lease({ state, act, now }: Given) {
           {strings.lease.take}
         </button>
       )}
-      {mine && state.link === "open" && (
+      {mine && !lease.job && state.link === "open" && (
         <button
           type="button"
           aria-disabled={!settled}
