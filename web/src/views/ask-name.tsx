@@ -9,7 +9,11 @@ export function AskName({ state, update }: Given) {
   const { preferences } = state;
   const known = state.session !== null && state.session !== "stranger" && state.session.signed_in;
   if (preferences.name !== null || known || !able(state, "control")) return null;
-  const name = (name: string) => update({ preferences: { ...preferences, name } });
+  const name = (name: string) => {
+    update({ preferences: { ...preferences, name } });
+    // What had the focus goes.
+    document.getElementById("content")?.focus({ preventScroll: true });
+  };
   return (
     <form
       class="ask-name"

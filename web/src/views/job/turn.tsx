@@ -112,7 +112,10 @@ function headingOf({ number }: OperatorStep, confirmable: boolean): string {
 function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
   const focused = document.activeElement;
   const idle = focused === null || focused.contains(box);
-  if (idle) (done ?? box)?.focus({ preventScroll: true });
+  if (!idle) return;
+  (done ?? box)?.focus({ preventScroll: true });
+  // Nobody is to answer what is not in sight.
+  done?.scrollIntoView({ block: "nearest" });
 }
 
 /** Whether this tab holds the lease that the job has, or the job's confirm key. */
