@@ -101,14 +101,14 @@ export function numberOf(text: string): number {
   return DECIMAL.test(read) ? Number(read) : NaN;
 }
 
-/** The request that a form filled in with lengths of `unit` makes, or what is wrong with it, field by field. */
-export function check(draft: Draft, axes: Axis[], unit: LengthUnit): Checked {
+/** The request that a form of such fields filled in with lengths of `unit` makes, or what is wrong with it, field by field. */
+export function check(draft: Draft, fields: Field[], axes: Axis[], unit: LengthUnit): Checked {
   const faults: Partial<Record<Field["name"] | "note", string>> = {};
   const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
   if (draft.record) request.record = true;
   if (draft.note.length > 200) faults.note = strings.form.tooLong(200);
-  for (const field of FIELDS[draft.kind]) {
+  for (const field of fields) {
     if (field.is === "axis") request.axis = draft.axis;
     else if (field.is === "axes") {
       if (draft.axes.length === 0) faults.axes = strings.form.axisNeeded;
@@ -150,7 +150,7 @@ function outside({ measure }: NumberField, low: number, high: number, unit: Leng
 
 /** What the numbers of a form come to together, where that is more than they say one by one; null while one is missing. */
 export function implied(draft: Draft, axes: Axis[], unit: LengthUnit): string | null {
-  const checked = check(draft, axes, unit);
+  const checked = check(draft, FIELDS[draft.kind], axes, unit);
   if (!checked.ok) return null;
   const { request } = checked;
   switch (request.kind) {

@@ -5,7 +5,7 @@ import { everything, queryOf } from "../src/job-query";
 import { bench, design, job } from "./fixtures";
 
 const faults = (draft: ReturnType<typeof draftOf>) => {
-  const checked = check(draft, bench.axes, "mm");
+  const checked = check(draft, FIELDS[draft.kind], bench.axes, "mm");
   return checked.ok ? [] : Object.keys(checked.faults);
 };
 
@@ -14,13 +14,13 @@ describe("the form of a job", () => {
     expect(KINDS).toHaveLength(9);
     for (const kind of ["joint_alignment", "air_only", "shell_only", "l_bound_measurement"] as const) {
       expect(FIELDS[kind]).toEqual([]);
-      expect(check(draftOf(kind), bench.axes, "mm")).toEqual({ ok: true, request: { kind } });
+      expect(check(draftOf(kind), FIELDS[kind], bench.axes, "mm")).toEqual({ ok: true, request: { kind } });
     }
   });
 
   it("asks to be recorded only where that is wanted", () => {
     for (const kind of KINDS.filter((kind) => FIELDS[kind].length === 0)) {
-      expect(check(draftOf(kind, "", true), bench.axes, "mm")).toEqual({
+      expect(check(draftOf(kind, "", true), FIELDS[kind], bench.axes, "mm")).toEqual({
         ok: true,
         request: { kind, record: true },
       });
@@ -40,6 +40,7 @@ describe("the form of a job", () => {
     expect(
       check(
         { ...sweep, note: " drift ", numbers: { from_mm: "0,5", to_mm: "1", steps: "5" } },
+        FIELDS.focus_sweep,
         bench.axes,
         "mm",
       ),
@@ -54,14 +55,19 @@ describe("the form of a job", () => {
       ...draftOf("focus_sweep"),
       numbers: { from_mm: "500", to_mm: "1234,5", duration_s: "9" },
     };
-    expect(check(sweep, bench.axes, "µm")).toEqual({
+    expect(check(sweep, FIELDS[sweep.kind], bench.axes, "µm")).toEqual({
       ok: true,
       request: { kind: "focus_sweep", axis: "focus", from_mm: 0.5, to_mm: 1.2345 },
     });
-    const far = check({ ...sweep, numbers: { from_mm: "-2001", to_mm: "0" } }, bench.axes, "µm");
+    const far = check(
+      { ...sweep, numbers: { from_mm: "-2001", to_mm: "0" } },
+      FIELDS.focus_sweep,
+      bench.axes,
+      "µm",
+    );
     expect(far).toEqual({ ok: false, faults: { from_mm: "It has to be within −2000 µm to 5000 µm." } });
     const watch = { ...draftOf("spacing_watch"), numbers: { duration_s: "0.5" } };
-    expect(check(watch, bench.axes, "µm")).toEqual({
+    expect(check(watch, FIELDS[watch.kind], bench.axes, "µm")).toEqual({
       ok: false,
       faults: { duration_s: "It has to be within 1 s to 86400 s." },
     });
@@ -87,7 +93,7 @@ describe("the form of a job", () => {
 
   it("homes at least one axis", () => {
     const homing = draftOf("homing");
-    expect(check(homing, bench.axes, "mm")).toEqual({
+    expect(check(homing, FIELDS[homing.kind], bench.axes, "mm")).toEqual({
       ok: true,
       request: { kind: "homing", axes: ["focus", "e"] },
     });

@@ -44,7 +44,10 @@ export function StartJob(given: Given) {
   const { unit } = state.preferences;
   const [tried, setTried] = useState(false);
   const [starting, setStarting] = useState(false);
-  const checked = check(draft, state.bench?.axes ?? [], unit);
+  // Through the shell the board stands where the shell step had it.
+  const inWater = draft.kind === "focus_sweep" && state.bench?.shell === "on";
+  const fields = FIELDS[draft.kind].filter(({ name }) => !(inWater && name === "distance_mm"));
+  const checked = check(draft, fields, state.bench?.axes ?? [], unit);
   const faults = tried && !checked.ok ? checked.faults : {};
   const means = implied(draft, state.bench?.axes ?? [], unit);
   const eMm = eOf(draft, unit);
@@ -68,7 +71,7 @@ export function StartJob(given: Given) {
     const started = await act(api.startJob(checked.request));
     setStarting(false);
     if (started) {
-      setDraft(draftOf(draft.kind));
+      setDraft({ ...draftOf(draft.kind), axis: draft.axis });
       setTried(false);
     }
   };
@@ -101,7 +104,7 @@ export function StartJob(given: Given) {
       </ol>
       <Aim kind={draft.kind} design={state.design} eMm={eMm} unit={unit} />
       {plan && <PlanSummary plan={plan} kind={draft.kind} unit={unit} />}
-      {FIELDS[draft.kind].map((field) => {
+      {fields.map((field) => {
         if (field.is === "number") {
           return (
             <NumberInput
