@@ -126,7 +126,7 @@ export const job: typeof en.job = {
   noSuchKey: "Darin steht kein Schlüssel: Er besteht aus „confirm_“ und 64 Ziffern und Buchstaben.",
   handOn: "Jemand anderen bestätigen lassen",
   handOnMore:
-    "Wer den Link öffnet, bestätigt, was dieser Auftrag verlangt, und kann damit sonst nichts tun. Er endet mit dem Auftrag.",
+    "Wer die Bank bedienen darf und den Link öffnet, bestätigt, was dieser Auftrag verlangt, und kann damit sonst nichts tun. Er endet mit dem Auftrag.",
   link: "Link",
   renewKey: "Neuen erstellen; der bisherige gilt nicht mehr",
   operator: (step) => `Sie sind dran · Nr. ${step}`,

@@ -124,7 +124,7 @@ export const job = {
   noSuchKey: "There is no key in it: one is “confirm_” and 64 digits and letters.",
   handOn: "Let somebody else confirm",
   handOnMore:
-    "Whoever opens the link confirms what this job asks, and can do nothing else by it. It ends with the job.",
+    "Whoever may command the bench and opens the link confirms what this job asks, and can do nothing else by it. It ends with the job.",
   link: "Link",
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
