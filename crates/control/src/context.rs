@@ -639,6 +639,9 @@ impl JobContext {
             let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
             steps::begin(&mut job.steps, begun, &spent);
             steps::discard(&mut job.iterations, &job.steps);
+            if again.is_some() {
+                job.progress.measure = job.iterations.iter().rfind(|it| !it.discarded).map(measure);
+            }
             self.asking().far.insert(number, job.progress.step);
             step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
         });
