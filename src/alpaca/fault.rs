@@ -138,7 +138,7 @@ mod tests {
 
     #[test]
     fn refusals_have_the_specifications_numbers_and_their_own_words() {
-        let wall = Refusal::Wall { target: Millimetres(-0.2), wall: Millimetres(-0.1) };
+        let wall = Refusal::Wall { target: Millimetres(-0.2), wall: Millimetres(-0.1), untold: false };
         let held = Refusal::LeaseHeld { owner: "ada".to_owned(), note: None, job: None };
         let gone = DeviceError::Disconnected { device: "the e stage".to_owned(), reason: "unplugged".to_owned() };
         let cases: [(Fault, i32, &str); 7] = [

@@ -440,7 +440,7 @@ impl From<Refusal> for Problem {
                 });
                 Self::refused("limit", "Outside the axis's travel", it, members)
             }
-            Refusal::Wall { target, wall } => {
+            Refusal::Wall { target, wall, .. } => {
                 let members = json!({ "axis": "e", "target_mm": target.value(), "wall_mm": wall.value() });
                 Self::refused("wall", "Beyond the e wall", it, members)
             }
@@ -679,7 +679,7 @@ mod tests {
         let axis = AxisName::E;
         for refusal in [
             Refusal::Stopped,
-            Refusal::Wall { target: Millimetres(-1.0), wall: Millimetres(-0.1) },
+            Refusal::Wall { target: Millimetres(-1.0), wall: Millimetres(-0.1), untold: false },
             Refusal::Step { axis, distance: Millimetres(50.0), max: Millimetres(40.0) },
             Refusal::NotHomed { axis },
             Refusal::Moving { axis },

@@ -2,14 +2,14 @@
 
 use plenalign::config::{CameraDriver, Config, LBoundSource, ShellStep};
 use plenalign::control::budget::Verdict;
-use plenalign::control::job::{JobSnapshot, JobState};
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::{Refusal, ServiceError};
 use plenalign::device::AxisName;
 use plenalign::device::faults::Faults;
 use plenalign::optics::MlaMode;
 use plenalign::units::Millimetres;
 
-use super::bench::{align, permit, service, small_config};
+use super::bench::{align, permit, run, service, small_config};
 
 fn truth(job: &JobSnapshot) -> &serde_json::Value {
     job.report.as_ref().unwrap().truth.as_ref().unwrap()
@@ -112,10 +112,18 @@ async fn an_e_axis_that_goes_further_than_it_reads_touches_nothing() {
     for (error, state) in [(0.3, JobState::Converged), (0.5, JobState::Failed), (0.8, JobState::Failed)] {
         let mut config = small_config(1);
         config.bench.simulation.e_scale_error = error;
-        let job = align(&service(config).await).await;
+        let (home_mm, contact_mm) = (config.bench.e.home_position_mm, config.assembly.contact_mm());
+        let service = service(config).await;
+        let job = align(&service).await;
         assert_eq!(job.state, state, "{error}: {:?}", job.reason);
         assert_eq!(truth(&job)["touched_shell"], false, "{error}: {:?}", job.iterations);
         assert!(number(truth(&job), "e_mm") > -0.1, "{error}: {:?}", truth(&job));
+        // Nor does a hand, once the axis is homed: it goes as near as the job has left it to go, and no nearer.
+        let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
+        assert_eq!(homed.state, JobState::Succeeded, "{error}: {:?}", homed.reason);
+        let nearest_mm = service.bench_view().e_wall_mm;
+        let e_mm = home_mm + (1.0 + error) * (nearest_mm - home_mm);
+        assert!((contact_mm..10.0).contains(&e_mm), "{error}: {e_mm} at {nearest_mm}");
     }
 }
 

@@ -178,6 +178,9 @@ async fn a_move_that_must_not_be_made_is_refused_with_its_numbers() {
     };
     let limit = problem(go("focus", 99.0).await, 409, "limit").await;
     assert_eq!((&limit["axis"], &limit["high_mm"]), (&json!("focus"), &json!(5.0)));
+    let untold = problem(go("e", 3.0).await, 409, "wall").await;
+    assert_eq!(untold["wall_mm"], 3.52);
+    daemon.command(Method::PUT, "/api/v1/shell", &json!({ "state": "off" })).await;
     let wall = problem(go("e", -0.2).await, 409, "wall").await;
     assert_eq!(wall["wall_mm"], -0.1);
     let shell = daemon.command(Method::PUT, "/api/v1/shell", &json!({ "state": "on" })).await;

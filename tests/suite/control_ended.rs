@@ -39,6 +39,7 @@ async fn free(service: &Service, axis: AxisName) {
 async fn homed() -> Arc<Service> {
     let service = service(small_config(1)).await;
     let (key, permit) = taken(&service, "before", 3600);
+    service.set_shell(&permit, ShellState::Off).unwrap();
     for axis in AxisName::ALL {
         service.home_axis(&permit, axis).await.unwrap();
         free(&service, axis).await;

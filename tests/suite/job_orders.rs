@@ -4,6 +4,7 @@
 use std::sync::Arc;
 
 use plenalign::control::Service;
+use plenalign::control::events::ShellState;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::device::AxisName;
 use plenalign::units::Millimetres;
@@ -121,6 +122,7 @@ async fn an_axis_left_at_an_end_of_its_travel_is_homed_before_anything_is_set_up
     let homed = run(&service, JobRequest::of(JobKind::Homing)).await;
     assert_eq!(homed.state, JobState::Succeeded, "{:?}", homed.reason);
     for (axis, to_mm) in [(AxisName::Focus, high_mm - 0.3), (AxisName::E, 1.5)] {
+        service.set_shell(&permit(&service), ShellState::Off).unwrap();
         move_by_hand(&service, axis, to_mm).await;
         let clarity = JobRequest { e_mm: Some(10.0), ..JobRequest::of(JobKind::ClarityOnly) };
         let job = run(&service, clarity).await;

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use plenalign::config::Side;
 use plenalign::control::events::ShellState;
-use plenalign::control::open_bench;
+use plenalign::control::{Refusal, ServiceError, open_bench};
 use plenalign::device::AxisName;
 use plenalign::device::jog::deadman;
 use plenalign::units::Millimetres;
@@ -32,7 +32,8 @@ async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
     // Held to the end: the wall, and not a hair further.
     let (_grip, dead) = deadman(Duration::from_secs(60));
     let reached = motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
-    assert!((reached - motion.e_wall_mm()).abs() < 0.003, "{reached} at a wall of {}", motion.e_wall_mm());
+    let wall = motion.e_wall_reading_mm();
+    assert!((reached - wall).abs() < 0.003, "{reached} at a wall of {wall}");
     let (_grip, dead) = deadman(Duration::from_secs(60));
     let again = motion.jog(&admit(), AxisName::E, Side::Low, 5.0, dead).await.unwrap().value();
     assert!((again - reached).abs() < 0.003, "{reached} to {again}");
@@ -53,13 +54,57 @@ async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
     assert!(motion.jog(&admit(), AxisName::E, Side::High, 2.0, dead).await.is_err(), "the stop is latched");
 }
 
+/// Three standard uncertainties of its zero and scale together are not enough to have the lens touch.
+#[tokio::test]
+async fn a_hand_that_sees_no_picture_goes_no_nearer_than_the_axis_is_known() {
+    for (zero_mm, scale) in [(0.2, 0.05), (0.2, 0.0), (0.0, 0.0), (0.02, 0.001), (0.5, 0.1), (1.0, 0.2)] {
+        let mut config = small_config(1);
+        (config.bench.e.zero_uncertainty_mm, config.bench.e.scale_uncertainty) = (zero_mm, scale);
+        let (home_mm, contact_mm) = (config.bench.e.home_position_mm, config.assembly.contact_mm());
+        let wall_mm = config.assembly.e_wall_mm(config.assembly.l_bound_mm);
+        let fakes = fakes();
+        let (motion, admit) = rules(config, fakes.bench);
+        for shell in [ShellState::Unknown, ShellState::On] {
+            motion.set_shell(shell);
+            let nearest = motion.e_wall_reading_mm();
+            assert_eq!(motion.range_mm(AxisName::E).0, nearest);
+            for step in 0..64 {
+                let angle = f64::from(step) * std::f64::consts::TAU / 64.0;
+                let e_mm = nearest + 3.0 * (zero_mm * angle.sin() + (nearest - home_mm) * scale * angle.cos());
+                assert!(e_mm > contact_mm - 1e-6, "±{zero_mm} mm, ±{scale}: at {nearest} e may be {e_mm}");
+            }
+            motion.go(&admit(), AxisName::E, Millimetres(nearest)).await.unwrap();
+            let beyond = motion.go(&admit(), AxisName::E, Millimetres(nearest - 0.01)).await;
+            let refused = matches!(&beyond, Err(ServiceError::Refused(Refusal::Wall { .. })));
+            let untold = beyond.unwrap_err().to_string().contains("[bench.e]");
+            assert!(refused && untold == (nearest > wall_mm), "±{zero_mm} mm, ±{scale}: {nearest}");
+            assert_eq!(motion.is_e_untold(), untold);
+        }
+        // With no shell there is nothing to touch.
+        motion.set_shell(ShellState::Off);
+        assert_eq!((motion.e_wall_reading_mm(), motion.is_e_untold()), (wall_mm, false));
+        // Where it is mounted after all, the lens is only taken back, as far as is asked and no further.
+        motion.go(&admit(), AxisName::E, Millimetres(wall_mm)).await.unwrap();
+        motion.set_shell(ShellState::On);
+        let nearer = motion.go(&admit(), AxisName::E, Millimetres(wall_mm - 0.01)).await;
+        assert!(matches!(nearer, Err(ServiceError::Refused(Refusal::Wall { .. }))), "{nearer:?}");
+        if motion.e_wall_reading_mm() > wall_mm + 1.0 {
+            fakes.e.told.lock().unwrap().clear();
+            for back_mm in [0.02, 0.1] {
+                motion.go(&admit(), AxisName::E, Millimetres(wall_mm + back_mm)).await.unwrap();
+            }
+            assert_eq!(*fakes.e.told.lock().unwrap(), [wall_mm + 0.02, wall_mm + 0.1]);
+        }
+    }
+}
+
 #[tokio::test]
 async fn near_the_wall_the_shell_is_approached_in_short_pieces() {
     for (shell, short) in [(ShellState::Unknown, true), (ShellState::On, true), (ShellState::Off, false)] {
         let fakes = fakes();
         let (motion, admit) = rules(small_config(1), fakes.bench);
         motion.set_shell(shell);
-        let wall = motion.e_wall_mm();
+        let wall = motion.e_wall_reading_mm();
         motion.go(&admit(), AxisName::E, Millimetres(wall + 0.05)).await.unwrap();
         let told = fakes.e.told.lock().unwrap().clone();
         assert_eq!(told.last().copied(), Some(wall + 0.05));

@@ -37,6 +37,18 @@ async fn homed_with_the_shell(seed: u64) -> Arc<Service> {
     service
 }
 
+#[tokio::test(start_paused = true)]
+async fn a_sweep_of_e_with_the_shell_on_goes_no_nearer_than_the_axis_is_known() {
+    let service = homed_with_the_shell(1).await;
+    let from_mm = service.axis_view(AxisName::E).position_mm.unwrap();
+    let refused = run(&service, sweep(AxisName::E, 8.0, 0.0, 3)).await;
+    assert_eq!(refused.state, JobState::Failed, "{:?}", refused.reason);
+    let why = refused.reason.as_deref().unwrap();
+    assert!(why.contains("beyond the e wall") && why.contains("scale_uncertainty"), "{why}");
+    let stands_mm = service.axis_view(AxisName::E).position_mm.unwrap();
+    assert!((stands_mm - from_mm).abs() < 1e-6, "nothing moves: {from_mm} to {stands_mm}");
+}
+
 /// Has an axis's motor stand still from when a job has made so many measurements until it has made so many.
 fn stall(service: &Service, axis: AxisName, from: usize, until: usize) -> tokio::task::JoinHandle<()> {
     let (mut events, bench) = (service.subscribe(), service.bench().clone());

@@ -133,11 +133,23 @@ try {
   await ana.page.locator(".lease[data-lease=mine]").waitFor();
   await ben.page.locator(".lease[data-lease=others]", { hasText: "Ana at the bench has control" }).waitFor();
 
-  step("an axis moves while its button is held, and no longer");
   for (const { page } of [ana, ben]) {
     await open(page, "Live");
     await page.locator(".axes").waitFor();
   }
+
+  step("a place nearer to the shell than e is known is refused, with the reason");
+  const e = ana.page.locator(".axis[data-axis=e]");
+  await e.locator("input").fill("1");
+  await e.locator(".untold", { hasText: "zero_uncertainty_mm" }).waitFor();
+  assert(
+    await e.getByRole("button", { name: "Go", exact: true }).isDisabled(),
+    "e is sent too near the shell",
+  );
+  await e.locator("input").fill("");
+  await e.locator(".untold").waitFor({ state: "detached" });
+
+  step("an axis moves while its button is held, and no longer");
   const forward = hold(ana.page, "focus", "high");
   const before = await position("focus");
   await press(ana.page, forward);

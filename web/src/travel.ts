@@ -1,6 +1,6 @@
 // An axis's travel as a scale.
 
-import type { Bench } from "./wire";
+import type { Axis, Bench, Side } from "./wire";
 
 export interface Scale {
   low: number;
@@ -22,4 +22,23 @@ export function axisScale(bench: Bench, axis: Bench["axes"][number]): Scale {
 export function along(scale: Scale, position: number): number {
   const share = (position - scale.low) / (scale.high - scale.low);
   return Math.min(1, Math.max(0, share));
+}
+
+/** By so much an axis may stand beside where it was told to go, mm. */
+const BESIDE_MM = 0.01;
+/** So near to where it may go an axis is taken to have come up against it, mm. */
+const NEAR_MM = 0.05;
+
+/** The end of its travel that an axis stands beyond: the wall was not there when it went. */
+export function sideBeyond(axis: Axis): Side | null {
+  const at = axis.homed ? (axis.position_mm ?? null) : null;
+  if (at === null) return null;
+  if (at < axis.low_limit_mm - BESIDE_MM) return "low";
+  return at > axis.high_limit_mm + BESIDE_MM ? "high" : null;
+}
+
+/** Whether an axis stands where it may go no nearer to the shell. */
+export function nearWall(axis: Axis): boolean {
+  const at = axis.homed ? (axis.position_mm ?? null) : null;
+  return at !== null && at < axis.low_limit_mm + NEAR_MM;
 }

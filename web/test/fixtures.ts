@@ -69,6 +69,7 @@ export const bench: Bench = {
   air_step_holds: false,
   stop: { latched: false },
   e_wall_mm: -0.1,
+  e_untold: false,
 };
 
 export function job(id: string, generation: number, state: Job["state"] = "running"): Job {

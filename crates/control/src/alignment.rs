@@ -48,7 +48,8 @@ pub(super) struct Findings {
     pub(super) trim_mm: f64,
     /// Camera as calibrated.
     pub(super) camera: Option<CalibratedCamera>,
-    /// What the readings of the e axis mean, as the picture has told; `None` where it has not, or contradicts them.
+    /// What the readings of the e axis mean, as the picture has told; where it contradicts them, what they will mean once
+    /// the axis has been homed.
     pub(super) e_told: Option<AxisModel>,
     /// e as the picture has it and its standard uncertainty, mm.
     pub(super) e: Option<(f64, f64)>,

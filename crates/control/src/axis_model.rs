@@ -132,6 +132,16 @@ impl MoveFault {
         }
     }
 
+    /// Whether the picture shows less of a way than was made.
+    #[must_use]
+    pub fn is_short(&self) -> bool {
+        match *self {
+            Self::NotMoving { .. } => true,
+            Self::Reversed { .. } => false,
+            Self::WrongScale { expected_mm, measured_mm, .. } => measured_mm.abs() < expected_mm.abs(),
+        }
+    }
+
     /// Whether the axis stands so far from where it reads that no rule may go by that. A trim that sticks is no such case.
     #[must_use]
     pub fn is_astray(&self) -> bool {

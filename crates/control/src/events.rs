@@ -273,9 +273,12 @@ pub struct BenchView {
     /// The job under way, by its id.
     #[schema(value_type = Option<String>, format = Uuid)]
     pub job: Option<uuid::Uuid>,
-    /// The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads, where e is
-    /// at the wall already.
+    /// The e wall, mm of the e axis's reading. With the shell on, or not known to be off, it is where three standard uncertainties
+    /// of the axis's zero and scale are left between the lens and the shell: by the configuration, or as a shell step has told
+    /// them.
     pub e_wall_mm: f64,
+    /// Whether it is so far from where it is configured because no shell step has told the axis's zero and scale.
+    pub e_untold: bool,
     /// Why the history cannot be written, which keeps every axis still; absent while it can.
     pub history_fault: Option<String>,
 }

@@ -82,7 +82,7 @@ impl Alignment<'_> {
         }
         findings.moves_shell = shell.moves();
         let lost = matches!(decision, ShellDecision::Fault(fault) if fault.axis() == AxisName::E);
-        findings.e_told = shell.told().filter(|_| !lost);
+        findings.e_told = if lost { shell.when_homed() } else { shell.told() };
         findings.e = (!lost).then(|| shell.model().predict(e_reading_mm));
         findings.e_scale = shell.scale();
         findings.trim_mm = trim_mm;

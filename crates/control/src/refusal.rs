@@ -8,6 +8,9 @@ use bench::device::light::{ControlName, ControlUnit};
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;
 
+/// What keeps the wall away from where it is configured.
+const UNTOLD: &str = " (so far from where it is configured because no picture has told the e axis's zero and scale: an alignment's shell step tells them, or zero_uncertainty_mm and scale_uncertainty in [bench.e] say that they are known better)";
+
 /// Why a well-formed request is refused now.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Refusal {
@@ -63,12 +66,14 @@ pub enum Refusal {
         high: Millimetres,
     },
     /// Beyond the e wall.
-    #[error("{target:.3} is beyond the e wall at {wall:.3}: the lens could touch the shell")]
+    #[error("{target:.3} is beyond the e wall at {wall:.3}: the lens could touch the shell{}", if *untold { UNTOLD } else { "" })]
     Wall {
         /// The position asked for.
         target: Millimetres,
         /// The wall.
         wall: Millimetres,
+        /// Whether it stands further from the shell than it has to, as no picture has told the axis's zero and scale.
+        untold: bool,
     },
     /// Longer than a single move may be.
     #[error("a move of {distance:.3} is longer than the {axis} axis's greatest step of {max}")]

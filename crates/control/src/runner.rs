@@ -81,8 +81,8 @@ pub(super) async fn run(
         motion.forget_position(axis);
         context.log(format!("the {axis} axis is not where it reads: its position is unknown until it is homed"));
     }
-    if findings.e_told.is_some() {
-        motion.set_e_told(findings.e_told);
+    if let Some(told) = findings.e_told {
+        motion.set_e_told(told);
     }
     context.log(format!("{state}: {reason}"));
     telemetry::job_ended(&word(&kind), &state.to_string());

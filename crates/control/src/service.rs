@@ -211,6 +211,7 @@ impl Service {
             lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),
             e_wall_mm: self.motion.e_wall_reading_mm(),
+            e_untold: self.motion.is_e_untold(),
             history_fault: self.journal.fault(),
         }
     }

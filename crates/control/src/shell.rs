@@ -228,6 +228,16 @@ impl ShellLoop {
         self.way().is_some_and(Way::tells_scale).then_some(self.model)
     }
 
+    /// What the e axis's readings will mean once it has been homed, where the picture shows it to go further than they say.
+    #[must_use]
+    pub fn when_homed(&self) -> Option<AxisModel> {
+        let ShellGoal { home_mm, zero_sigma_mm, backlash_mm, .. } = self.goal;
+        let way = self.way()?;
+        let (scale, sigma) = (way.seen / way.travel, way.sigma.hypot(backlash_mm) / way.travel);
+        let covariance = [[zero_sigma_mm * zero_sigma_mm, 0.0], [0.0, sigma * sigma]];
+        (scale > 1.0).then(|| AxisModel::known(home_mm, [home_mm, scale], covariance))
+    }
+
     /// What the e axis's readings mean, as far as the picture has shown.
     #[must_use]
     pub fn model(&self) -> &AxisModel {
@@ -293,6 +303,9 @@ impl ShellLoop {
             && let Some(previous) = self.previous
             && let Some(fault) = self.contradiction(previous, here)
         {
+            if !self.trimmed {
+                self.keep_shown(here);
+            }
             return ShellDecision::Fault(fault);
         }
         if !self.trimmed {

@@ -3,6 +3,7 @@
 use std::time::Duration;
 
 use super::alignment::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
+use super::axis_model::MoveFault;
 use super::budget::{TiltChange, e_axis};
 use super::context::JobEnd;
 use super::events::ShellState;
@@ -23,6 +24,8 @@ const CREEP_LOOK: Duration = Duration::from_millis(600);
 /// apart.
 const CREEP_LOOKS: u32 = 8;
 const CREEP_SIGMAS: f64 = 4.0;
+/// An axis that stops short this near to where the lens touches may have been kept by the shell, mm.
+const NEAR_SHELL_MM: f64 = 1.0;
 
 impl Alignment<'_> {
     pub(super) async fn shell(&mut self, plan: &Plan, step: ShellStep) -> Result<(), JobEnd> {
@@ -43,11 +46,10 @@ impl Alignment<'_> {
             self.go(AxisName::Focus, focus_at_air).await?;
         }
         self.motion.shell_may_be_on();
-        // The loop finds it out anew, and keeps to it by itself.
-        self.motion.set_e_told(None);
         self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
         self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
         self.motion.set_shell(ShellState::On);
+        let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
         let mut first_look = true;
@@ -118,7 +120,10 @@ impl Alignment<'_> {
                     return Ok(());
                 }
                 ShellDecision::NotConverged { why } => return Err(JobEnd::NotConverged { why }),
-                ShellDecision::Fault(fault) => return Err(fault.into()),
+                ShellDecision::Fault(fault) => {
+                    self.note_touching(&fault, &shell);
+                    return Err(fault.into());
+                }
             }
         }
         Err(JobEnd::failed("the shell loop did not end; this is a defect of the program"))
@@ -166,6 +171,22 @@ impl Alignment<'_> {
         if let Some(turned) = turned {
             self.context.log(turned.clone());
             self.findings.notes.push(turned);
+        }
+    }
+
+    /// Notes where an axis that went less far than it was sent may have been kept by the shell.
+    fn note_touching(&mut self, fault: &MoveFault, shell: &ShellLoop) {
+        let (Some(camera), Some(here)) = (self.findings.camera, shell.here()) else { return };
+        let e_mm = camera.e_mm(here.spacing_px, here.trim_mm);
+        let sigma_mm = camera.e_sigma_mm(e_mm, here.trim_mm, here.sigma_px);
+        let left_mm = e_mm - self.motion.contact().e_mm;
+        if fault.axis() == AxisName::E && fault.is_short() && left_mm < NEAR_SHELL_MM + 3.0 * sigma_mm {
+            let said = format!(
+                "the lens may stand against the shell: by the picture e is {e_mm:.2} ± {sigma_mm:.2} mm, and it touches at {:.2} mm; look before anything is moved",
+                self.motion.contact().e_mm
+            );
+            self.context.log(said.clone());
+            self.findings.notes.push(said);
         }
     }
 

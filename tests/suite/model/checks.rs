@@ -166,7 +166,9 @@ pub(super) fn a_position_is_true(moment: &Moment) -> Option<String> {
 }
 
 pub(super) fn nothing_passes_the_wall(moment: &Moment) -> Option<String> {
-    let wall = moment.after.bench["e_wall_mm"].as_f64()?;
+    // The shell is taken off and put on meanwhile, and a shell step goes by the picture.
+    let [before, after] = [moment.before, moment.after].map(|view| view.bench["e_wall_mm"].as_f64());
+    let wall = before?.min(after?);
     let beyond = moment.seen.iter().find_map(|(_, seen)| match seen {
         Seen::Moved { axis: AxisName::E, at_mm } if *at_mm < wall - 0.005 => Some(*at_mm),
         _ => None,
@@ -217,6 +219,8 @@ pub(super) fn refused_changes_nothing(moment: &Moment) -> Option<String> {
     let lease_ended = after["lease"].is_null() || before["lease"]["job"] != after["lease"]["job"];
     let lease = before["lease"]["id"] == after["lease"]["id"] || lease_ended;
     let shell = same("shell") || !before["job"].is_null();
+    // A job goes by the picture at times, and tells more of the axis.
+    let wall = same("e_wall_mm") || !before["job"].is_null();
     let changed = if !same("stop") && moment.known.latched.is_some() {
         "stop"
     } else if !lease {
@@ -225,7 +229,7 @@ pub(super) fn refused_changes_nothing(moment: &Moment) -> Option<String> {
         "job"
     } else if !shell {
         "shell"
-    } else if before["e_wall_mm"] != after["e_wall_mm"] {
+    } else if !wall {
         "e wall"
     } else {
         return None;

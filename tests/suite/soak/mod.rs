@@ -88,7 +88,7 @@ fn check(service: &Service, job: &JobSnapshot, kinds: &BTreeSet<&'static str>, w
     let misled = kinds.iter().any(|kind| MISLEADING.contains(kind));
     assert!(misled || truth["touched_shell"] == false, "the lens touched the shell: {}", context());
     if let Some(least) = truth["least_e_with_shell_mm"].as_f64() {
-        let wall = service.bench_view().e_wall_mm;
+        let wall = job.report.as_ref().unwrap().e_wall_mm;
         assert!(least >= wall - wall_allowance_mm(service), "e was {least} mm with the wall at {wall}: {}", context());
     }
     match job.state {

@@ -1265,10 +1265,13 @@ export interface components {
       camera: components["schemas"]["CameraView"];
       /** @description Where the design's numbers come from. */
       design_origin: string;
+      /** @description Whether it is so far from where it is configured because no shell step has told the axis's zero and scale. */
+      e_untold: boolean;
       /**
        * Format: double
-       * @description The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads, where e is
-       *     at the wall already.
+       * @description The e wall, mm of the e axis's reading. With the shell on, or not known to be off, it is where three standard uncertainties
+       *     of the axis's zero and scale are left between the lens and the shell: by the configuration, or as a shell step has told
+       *     them.
        */
       e_wall_mm: number;
       /** @description Why the history cannot be written, which keeps every axis still; absent while it can. */

@@ -130,9 +130,12 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The camera."""
     design_origin: str
     """Where the design's numbers come from."""
+    e_untold: bool
+    """Whether it is so far from where it is configured because no shell step has told the axis's zero and scale."""
     e_wall_mm: float
-    """The e wall, mm of the e axis's reading: of an axis that the picture has shown to go further than it reads,
-    where e is at the wall already.
+    """The e wall, mm of the e axis's reading. With the shell on, or not known to be off, it is where three standard
+    uncertainties of the axis's zero and scale are left between the lens and the shell: by the configuration, or
+    as a shell step has told them.
     """
     history_fault: str | None = None
     """Why the history cannot be written, which keeps every axis still; absent while it can."""

@@ -19,6 +19,7 @@ const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;
 const BLUR_SHARE: f64 = 0.01;
 /// Where a part is in doubt, its standard uncertainty is so many times as large.
 const DOUBT: f64 = 5.0;
+
 /// An alignment's equations. Unknown are the parts, in units of their standard uncertainties, and d at the end of the air
 /// step, in units of [`LENS_TO_MLA_SIGMA_MM`].
 #[derive(Clone)]

@@ -64,8 +64,28 @@ struct State {
     approached: [bool; 2],
     l_bound_mm: f64,
     contact: Contact,
-    /// What the e axis's readings mean, as the picture has told through the shell.
-    e_told: Option<AxisModel>,
+    e_known: EKnown,
+}
+
+/// By what it is known where e is.
+#[derive(Debug, Clone, Copy)]
+enum EKnown {
+    /// By the axis's readings, as the configuration has them.
+    Configured,
+    /// By the picture, which whoever moves it keeps to at every move.
+    Watched,
+    /// By the axis's readings, as the picture has told them through the shell.
+    Told(AxisModel),
+}
+
+/// While it lives, whoever moves e keeps it off the shell by the picture.
+#[must_use]
+pub(super) struct WatchedE<'a>(&'a Motion);
+
+impl Drop for WatchedE<'_> {
+    fn drop(&mut self) {
+        self.0.state().e_known = EKnown::Configured;
+    }
 }
 
 fn note_end(underway: Option<Underway>, end: Result<Option<Millimetres>, &ServiceError>) {
@@ -99,7 +119,7 @@ impl Motion {
                 approached: [false; 2],
                 l_bound_mm,
                 contact: Contact { e_mm: contact_mm, measured_sigma_mm: None },
-                e_told: None,
+                e_known: EKnown::Configured,
             }),
             shell_said: Notify::new(),
             commands: Commands::default(),
@@ -227,9 +247,15 @@ impl Motion {
         (state.l_bound_mm, state.contact) = (l_bound_mm, contact);
     }
 
-    /// Keeps what the picture has told of the e axis's readings, for whoever moves it from here on; `None` forgets it.
-    pub(super) fn set_e_told(&self, told: Option<AxisModel>) {
-        self.state().e_told = told;
+    /// Forgets what was told of the e axis's readings, and lets the wall be kept to by the picture alone.
+    pub(super) fn watch_e(&self) -> WatchedE<'_> {
+        self.state().e_known = EKnown::Watched;
+        WatchedE(self)
+    }
+
+    /// Keeps what the picture has told of the e axis's readings, for whoever moves it from here on.
+    pub(super) fn set_e_told(&self, told: AxisModel) {
+        self.state().e_known = EKnown::Told(told);
     }
 
     /// Moves an axis to `target` with its approach leg and returns the readback.

@@ -1,14 +1,18 @@
 //! What an axis may be told now: latch, homing, limits, the e wall, the greatest step, and the side to approach from.
 
-use super::{Motion, index};
+use super::{EKnown, Motion, READBACK_TOLERANCE_MM, State, index};
+use crate::axis_model::AxisModel;
 use crate::events::ShellState;
 use crate::refusal::{Refusal, ServiceError};
+use crate::room::{EAxis, Room};
 use bench::config::Side;
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;
 
 /// Positions are reported to a thousandth of a millimetre.
 const READOUT_MM: f64 = 1e-3;
+/// A wall that follows from uncertainties stands at a hundredth of a millimetre.
+const WALL_PLACES: f64 = 100.0;
 
 impl Motion {
     /// The e wall, mm of e.
@@ -17,12 +21,36 @@ impl Motion {
         self.config.assembly.e_wall_mm(self.l_bound_mm())
     }
 
-    /// The least reading of the e axis at the wall, mm: the wall itself, or where the picture has told that e is there
-    /// already, of an axis that goes further than it reads.
+    /// The least reading that the e axis may be sent to, mm: the wall, or with the shell on, and no loop that goes by the
+    /// picture, where e may be too near the shell already by what is known of the axis's zero and scale.
     #[must_use]
     pub fn e_wall_reading_mm(&self) -> f64 {
-        let (wall, told) = (self.e_wall_mm(), self.state().e_told);
-        told.map_or(wall, |told| wall.max(told.reading_for(wall)))
+        let wall = self.e_wall_mm();
+        let State { shell, e_known, contact, .. } = *self.state();
+        let e = match e_known {
+            _ if shell == ShellState::Off => return wall,
+            EKnown::Watched => return wall,
+            EKnown::Configured => self.configured_e(),
+            EKnown::Told(told) => told,
+        };
+        let highest = self.axis(AxisName::E).high_limit_mm;
+        let room = Room { contact, e: EAxis::alone(e) };
+        let least = room.least_mm(wall.max(e.reading_for(wall)), highest).unwrap_or(highest);
+        // As it is shown.
+        (least * WALL_PLACES - 1e-6).ceil() / WALL_PLACES
+    }
+
+    /// What the e axis's readings mean by the configuration alone.
+    fn configured_e(&self) -> AxisModel {
+        let axis = self.axis(AxisName::E);
+        AxisModel::new(axis.home_position_mm, axis.home_position_mm, axis.zero_uncertainty_mm, axis.scale_uncertainty)
+    }
+
+    /// Whether the wall is further from the shell than it has to be, as nothing but the configuration tells what the e axis's
+    /// readings mean.
+    #[must_use]
+    pub fn is_e_untold(&self) -> bool {
+        matches!(self.state().e_known, EKnown::Configured) && self.e_wall_reading_mm() > self.e_wall_mm()
     }
 
     /// The positions an axis may be sent to now: least and greatest, mm.
@@ -93,7 +121,7 @@ impl Motion {
         if axis == AxisName::E {
             let wall = self.e_wall_reading_mm();
             if target.value() < wall - READOUT_MM && !leads_back(wall, high) {
-                return Err(Refusal::Wall { target, wall: Millimetres(wall) });
+                return Err(Refusal::Wall { target, wall: Millimetres(wall), untold: self.is_e_untold() });
             }
         }
         Ok(())
@@ -109,6 +137,10 @@ impl Motion {
             return vec![target];
         }
         let (low, high) = self.range_mm(axis);
+        if !(low - READOUT_MM..=high + READOUT_MM).contains(&target.value()) {
+            // On the way back from outside nothing leads outwards again.
+            return vec![target];
+        }
         let margin = config.approach_leg_mm();
         if comes_from_approach_side && (from - target).abs().value() >= margin {
             // Long enough for the play to be taken up on the way.
@@ -128,7 +160,7 @@ impl Motion {
         let far = from.value() + towards.sign() * self.axis(axis).max_step_mm;
         let end = Millimetres(far.clamp(low, high));
         self.check(axis, end)?;
-        if (end - from).value() * towards.sign() < -READOUT_MM {
+        if (end - from).value() * towards.sign() < -READBACK_TOLERANCE_MM {
             // From outside the limits only the way back is open.
             let (low, high) = (Millimetres(low), Millimetres(high));
             return Err(Refusal::Limit { axis, target: Millimetres(far), low, high }.into());

@@ -57,6 +57,12 @@ export const byHand: typeof en.byHand = {
   go: "Los",
   sure: (axis, from, to, by) => `${axis} um ${by} verfahren, von ${from} auf ${to}?`,
   outside: (low, high) => `Zulässig ist ${low} bis ${high}.`,
+  beyond: {
+    low: (axis) => `${axis} steht unterhalb des jetzt Zulässigen: Sie lässt sich nur aufwärts verfahren.`,
+    high: (axis) => `${axis} steht oberhalb des jetzt Zulässigen: Sie lässt sich nur abwärts verfahren.`,
+  },
+  untold:
+    "Solange die Kugelschale montiert oder nicht sicher abgenommen ist, fährt die e-Achse nur so nahe heran, wie ihr Nullpunkt und ihr Maßstab bekannt sind. Der Schritt mit Kugelschale einer Justage bestimmt sie; zero_uncertainty_mm und scale_uncertainty in [bench.e] sagen, wie gut sie vorher bekannt sind.",
   yes: "Verfahren",
   no: "Nicht verfahren",
   onSwitch: "Endschalter betätigt",

@@ -59,6 +59,12 @@ export const byHand = {
   sure: (axis: string, from: string, to: string, by: string) =>
     `Move the ${axis} axis by ${by}, from ${from} to ${to}?`,
   outside: (low: string, high: string) => `It may go from ${low} to ${high}.`,
+  beyond: {
+    low: (axis: string) => `The ${axis} axis stands below where it may go now: it can only be moved up.`,
+    high: (axis: string) => `The ${axis} axis stands above where it may go now: it can only be moved down.`,
+  } satisfies Record<Side, (axis: string) => string>,
+  untold:
+    "With the shell on, or not known to be off, it goes no nearer than the zero and scale of the e axis are known. An alignment’s shell step tells them; zero_uncertainty_mm and scale_uncertainty in [bench.e] say how well they are known before one.",
   yes: "Move",
   no: "Don’t",
   onSwitch: "limit switch pressed",

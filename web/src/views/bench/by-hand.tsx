@@ -3,6 +3,7 @@ import * as api from "../../api";
 import { numberOf } from "../../job-kinds";
 import { isLarge, type Pace } from "../../pace";
 import { strings } from "../../strings";
+import { nearWall, sideBeyond } from "../../travel";
 import { length, signedLength, toMm } from "../../units";
 import type { Axis } from "../../wire";
 import { Ask } from "../ask";
@@ -28,6 +29,8 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const unread = /\d/.test(text) && !Number.isFinite(target);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
   const still = disabled || position === null || axis.moving;
+  const beyond = sideBeyond(axis);
+  const untold = axis.axis === "e" && state.bench?.e_untold === true;
   const [asked, ask] = useAsked<number>(!still);
 
   const go = async (to: number) => {
@@ -38,7 +41,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
     <button
       type="button"
       class="step"
-      disabled={still}
+      disabled={still || beyond === (by < 0 ? "low" : "high")}
       aria-label={strings.byHand.stepBy(name, signedLength(by, unit))}
       onClick={() => position !== null && void act(api.move(axis.axis, position + by))}
     >
@@ -57,10 +60,20 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
           else void go(target);
         }}
       >
-        <Hold axis={axis.axis} side="low" pace={pace} disabled={disabled || !axis.homed} />
+        <Hold
+          axis={axis.axis}
+          side="low"
+          pace={pace}
+          disabled={disabled || !axis.homed || beyond === "low"}
+        />
         {step(-stepMm)}
         {step(stepMm)}
-        <Hold axis={axis.axis} side="high" pace={pace} disabled={disabled || !axis.homed} />
+        <Hold
+          axis={axis.axis}
+          side="high"
+          pace={pace}
+          disabled={disabled || !axis.homed || beyond === "high"}
+        />
         <input
           inputMode="decimal"
           value={text}
@@ -95,6 +108,10 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
         <p class="fault">
           {strings.byHand.outside(length(axis.low_limit_mm, unit, 2), length(axis.high_limit_mm, unit, 2))}
         </p>
+      )}
+      {beyond !== null && <p class="fault">{strings.byHand.beyond[beyond](name)}</p>}
+      {untold && (beyond === "low" || target < axis.low_limit_mm || nearWall(axis)) && (
+        <p class="quiet untold">{strings.byHand.untold}</p>
       )}
       {asked !== null && position !== null && (
         <Ask
