@@ -221,6 +221,12 @@ impl Alignment<'_> {
         Ok(())
     }
 
+    /// Says something in the job's log and in its report.
+    pub(super) fn note(&mut self, said: String) {
+        self.context.log(said.clone());
+        self.findings.notes.push(said);
+    }
+
     /// Moves an axis to a reading, mm.
     pub(super) async fn go(&self, axis: AxisName, to_mm: f64) -> Result<(), JobEnd> {
         self.context.unless_cancelled(self.motion.go(self.admission, axis, Millimetres(to_mm))).await.map(drop)

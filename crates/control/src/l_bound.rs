@@ -69,8 +69,7 @@ impl Alignment<'_> {
             camera.slope_e(least_e, 0.0).abs(),
             l_bound_mm
         );
-        self.context.log(note.clone());
-        self.findings.notes.push(note);
+        self.note(note);
         let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
         self.ask("shell_off", instruction, None, Setup::ShellOff).await?;
         self.motion.set_shell(ShellState::Off);

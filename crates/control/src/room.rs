@@ -55,7 +55,13 @@ pub struct Room {
 impl Room {
     /// How many of its standard uncertainties e is from where the lens touches, at a reading, mm, by what leaves the fewest.
     fn sigmas_left(&self, reading_mm: f64) -> f64 {
-        self.e.each().map(|e| self.sigmas_left_by(e, reading_mm)).into_iter().fold(f64::INFINITY, f64::min)
+        self.sigmas_left_by(self.nearest(reading_mm), reading_mm)
+    }
+
+    /// By which of what tells e the fewest are left.
+    fn nearest(&self, reading_mm: f64) -> AxisModel {
+        let left = |e| self.sigmas_left_by(e, reading_mm);
+        self.e.each().into_iter().fold(self.e.by_all, |near, e| if left(e) < left(near) { e } else { near })
     }
 
     fn sigmas_left_by(&self, e: AxisModel, reading_mm: f64) -> f64 {
@@ -68,10 +74,7 @@ impl Room {
     /// e and its standard uncertainty (mm) at a reading (mm), by what leaves the least room.
     #[must_use]
     pub fn nearest_e(&self, reading_mm: f64) -> (f64, f64) {
-        let left = |e: &AxisModel| self.sigmas_left_by(*e, reading_mm);
-        let each = self.e.each();
-        let nearest = each.iter().min_by(|one, other| left(one).total_cmp(&left(other))).unwrap_or(&self.e.by_all);
-        nearest.predict(reading_mm)
+        self.nearest(reading_mm).predict(reading_mm)
     }
 
     /// Whether the lens may be taken there.

@@ -169,8 +169,7 @@ impl Alignment<'_> {
         let half_width_mm = self.config.sensor_extent().width / 2.0;
         let turned = in_air.and_then(|in_air| look.turned_board(&TiltChange::between(in_air, seen), half_width_mm));
         if let Some(turned) = turned {
-            self.context.log(turned.clone());
-            self.findings.notes.push(turned);
+            self.note(turned);
         }
     }
 
@@ -181,12 +180,10 @@ impl Alignment<'_> {
         let sigma_mm = camera.e_sigma_mm(e_mm, here.trim_mm, here.sigma_px);
         let left_mm = e_mm - self.motion.contact().e_mm;
         if fault.axis() == AxisName::E && fault.is_short() && left_mm < NEAR_SHELL_MM + 3.0 * sigma_mm {
-            let said = format!(
+            self.note(format!(
                 "the lens may stand against the shell: by the picture e is {e_mm:.2} ± {sigma_mm:.2} mm, and it touches at {:.2} mm; look before anything is moved",
                 self.motion.contact().e_mm
-            );
-            self.context.log(said.clone());
-            self.findings.notes.push(said);
+            ));
         }
     }
 
@@ -198,12 +195,10 @@ impl Alignment<'_> {
         let Some(here) = shell.here() else { return };
         let (e_mm, _) = room.e.by_all.predict(here.e_reading_mm);
         let (nearest_mm, sigma_mm) = room.nearest_e(here.e_reading_mm);
-        let said = format!(
+        self.note(format!(
             "e is {e_mm:.2} mm and not {:.2} mm: as picture or axis has it, whichever is nearer, it is {nearest_mm:.2} ± {sigma_mm:.2} mm, and three of those have to lie between the lens and where it touches the shell, e = {:.2} mm; the largest parts of the budget say what would bring it nearer",
             wanted.e, room.contact.e_mm
-        );
-        self.context.log(said.clone());
-        self.findings.notes.push(said);
+        ));
     }
 
     async fn move_e(&self, to_mm: f64) -> Result<(), JobEnd> {
