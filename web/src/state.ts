@@ -8,6 +8,7 @@ import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
 import { sceneOf, setUpAt, type Scene } from "./set-up";
 import { standard, type Preferences } from "./preferences";
+import { placeOf } from "./travel";
 import {
   axesWeight,
   clarityWeight,
@@ -315,7 +316,7 @@ export function receiveReading(state: State, read: FrameReading, now: number): S
 function withAxes(state: State, bench: Bench, now: number): Trail<AxesPoint> {
   const of = (name: "focus" | "e") => {
     const axis = bench.axes.find((axis) => axis.axis === name);
-    return axis?.homed ? (axis.position_mm ?? null) : null;
+    return axis ? placeOf(axis) : null;
   };
   return follow(state.axes, now / 1000, { focusMm: of("focus"), eMm: of("e") }, axesWeight);
 }

@@ -29,9 +29,14 @@ const BESIDE_MM = 0.01;
 /** So near to where it may go an axis is taken to have come up against it, mm. */
 const NEAR_MM = 0.05;
 
+/** Where an axis stands, mm; null where that is not known. */
+export function placeOf(axis: Axis): number | null {
+  return axis.homed ? (axis.position_mm ?? null) : null;
+}
+
 /** The end of its travel that an axis stands beyond: the wall was not there when it went. */
 export function sideBeyond(axis: Axis): Side | null {
-  const at = axis.homed ? (axis.position_mm ?? null) : null;
+  const at = placeOf(axis);
   if (at === null) return null;
   if (at < axis.low_limit_mm - BESIDE_MM) return "low";
   return at > axis.high_limit_mm + BESIDE_MM ? "high" : null;
@@ -39,6 +44,6 @@ export function sideBeyond(axis: Axis): Side | null {
 
 /** Whether an axis stands where it may go no nearer to the shell. */
 export function nearWall(axis: Axis): boolean {
-  const at = axis.homed ? (axis.position_mm ?? null) : null;
+  const at = placeOf(axis);
   return at !== null && at < axis.low_limit_mm + NEAR_MM;
 }

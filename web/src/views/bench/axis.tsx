@@ -1,5 +1,5 @@
 import { strings } from "../../strings";
-import { along, axisScale } from "../../travel";
+import { along, axisScale, placeOf } from "../../travel";
 import { length, reworded, type LengthUnit } from "../../units";
 import type { Axis, Bench } from "../../wire";
 import { Explained } from "../term";
@@ -14,7 +14,7 @@ interface Props {
 export function AxisScale({ bench, axis, unit }: Props) {
   const scale = axisScale(bench, axis);
   const percent = (position: number) => `${(100 * along(scale, position)).toFixed(2)}%`;
-  const position = axis.homed ? (axis.position_mm ?? null) : null;
+  const position = placeOf(axis);
   const at = position === null ? strings.axis.unknown : length(position, unit);
   const name = strings.axis.name[axis.axis];
   const [low, high] = [length(axis.low_limit_mm, unit, 2), length(axis.high_limit_mm, unit, 2)];

@@ -3,7 +3,7 @@ import * as api from "../../api";
 import { numberOf } from "../../job-kinds";
 import { isLarge, type Pace } from "../../pace";
 import { strings } from "../../strings";
-import { nearWall, sideBeyond } from "../../travel";
+import { nearWall, placeOf, sideBeyond } from "../../travel";
 import { length, signedLength, toMm } from "../../units";
 import type { Axis } from "../../wire";
 import { Ask } from "../ask";
@@ -22,7 +22,7 @@ interface Props extends Given {
 export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const { unit, stepMm } = state.preferences;
   const [text, setText] = useState("");
-  const position = axis.homed ? (axis.position_mm ?? null) : null;
+  const position = placeOf(axis);
   const name = strings.axis.short[axis.axis];
   const target = toMm(numberOf(text), unit);
   // What is only begun, a sign say, is no mistake yet.
