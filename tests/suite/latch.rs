@@ -293,11 +293,15 @@ async fn a_stop_that_the_full_queue_did_not_take_is_written_when_it_does() {
     assert_eq!(go(&first).await.status(), 202);
     first.written().await;
     let (held, let_go) = std::sync::mpsc::channel::<()>();
+    let (begun, has_begun) = tokio::sync::oneshot::channel();
     store.queue(move |_| {
+        let _ = begun.send(());
         // Until the test lets it go.
         let _ = let_go.recv();
         Ok(())
     });
+    // Taken from the queue after it is full, it would leave room for one more.
+    has_begun.await.unwrap();
     while store.queue(|_| Ok(())) {}
     stop(&first).await;
     assert!(!kept(folder.path()).contains("\"latched\":true"), "there was no room for it");
