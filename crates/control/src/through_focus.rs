@@ -12,8 +12,6 @@ const MOST_DEGREE: usize = 3;
 const WORTH: f64 = 0.7;
 /// Least points of a curve more than it has terms.
 const SPARE: usize = 2;
-/// Degree of the curve through the logarithms of the greatest EOGs.
-const PEAK_DEGREE: usize = 2;
 /// EOGs above this share of the way from the least to the greatest are at the peak.
 const PEAK_ABOVE: f64 = 0.5;
 /// A peak is so many times higher than the sweep's least EOG, and bends so many of its standard uncertainties down: noise
@@ -44,7 +42,8 @@ pub struct CurvePoint {
 pub struct FittedPlace {
     /// Position of the axis, mm.
     pub position_mm: f64,
-    /// Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm.
+    /// Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm; a peak's
+    /// with what the curve's shape may be other than a peak's.
     pub sigma_mm: f64,
     /// Points that the curve goes through.
     pub points: u32,
@@ -111,6 +110,16 @@ impl Polynomial {
     fn curvature(&self, t: f64) -> f64 {
         let of = |n: usize| (n * (n - 1)) as f64 * t.powi(n as i32 - 2);
         self.terms.iter().enumerate().skip(2).map(|(n, term)| of(n) * term).sum()
+    }
+
+    /// Where a curve of the second or third degree is greatest; `None` where it nowhere is.
+    fn top(&self) -> Option<f64> {
+        let (slope, bend, twist) =
+            (self.slope(0.0), self.curvature(0.0), self.terms.get(3).map_or(0.0, |term| 6.0 * term));
+        // The slope is slope + bend·t + twist·t²/2, and falls through zero there.
+        let root = bend.mul_add(bend, -2.0 * twist * slope).sqrt();
+        let t = 2.0 * slope / (root - bend);
+        t.is_finite().then_some(t)
     }
 
     /// Standard uncertainty of the curvature in the middle.
@@ -187,9 +196,10 @@ fn crossing(curve: &Polynomial, value: f64) -> Option<f64> {
     found.min_by(|one, other| one.abs().total_cmp(&other.abs()))
 }
 
-/// Where a parabola through the logarithms of the EOGs about the greatest is greatest. `None` where the greatest is at an
-/// end of the sweep, or stands out too little for a peak. All EOGs count as equally uncertain, and so their logarithms the
-/// more the less they are.
+/// Where a curve through the logarithms of the greatest EOGs is greatest. A parabola tells whether there is a peak, and a
+/// cubic where: on one side of focus the EOG falls faster than on the other. What the third degree moves the peak by, the
+/// degrees after it may move it by half. `None` where the greatest is at an end of the sweep, or stands out too little for a
+/// peak. All EOGs count as equally uncertain, and so their logarithms the more the less they are.
 pub(super) fn by_eog(points: &[Point]) -> Option<FittedPlace> {
     let mut points: Vec<Point> = points.iter().copied().filter(|point| point.value > 0.0).collect();
     points.sort_by(|one, other| one.position_mm.total_cmp(&other.position_mm));
@@ -204,18 +214,17 @@ pub(super) fn by_eog(points: &[Point]) -> Option<FittedPlace> {
         .iter()
         .map(|point| Point { value: point.value.ln(), sigma: 1.0 / point.value, ..*point })
         .collect();
-    if peak.len() < PEAK_DEGREE + 1 + SPARE {
-        return None;
-    }
-    let curve = Polynomial::fit(&peak, PEAK_DEGREE, false)?;
-    let bend = curve.curvature(0.0);
-    let t = -curve.slope(0.0) / bend;
-    let stands_out = points[best].value > PEAK_RISE * least && -bend > PEAK_SIGMAS * curve.curvature_sigma();
-    if !stands_out || t.abs() >= 1.0 {
+    let (parabola, cubic) = (Polynomial::fit(&peak, 2, false)?, Polynomial::fit(&peak, 3, false)?);
+    let stands_out =
+        points[best].value > PEAK_RISE * least && -parabola.curvature(0.0) > PEAK_SIGMAS * parabola.curvature_sigma();
+    let (even, t) = (parabola.top()?, cubic.top()?);
+    if !stands_out || even.abs() >= 1.0 || t.abs() >= 1.0 {
         return None;
     }
     let gradient = |term: usize| if term == 0 { 0.0 } else { term as f64 * t.powi(term as i32 - 1) };
-    curve.place(t, gradient, bend, &peak, f64::exp)
+    let found = cubic.place(t, gradient, cubic.curvature(t), &peak, f64::exp)?;
+    let beyond_mm = (t - even) / 2.0 * cubic.half_mm;
+    Some(FittedPlace { sigma_mm: found.sigma_mm.hypot(beyond_mm), ..found })
 }
 
 #[cfg(test)]
@@ -276,6 +285,15 @@ mod tests {
             let best = by_eog(&sweep(count, 1.0, 3.0, 2.0, eog)).unwrap();
             assert!((best.position_mm - 2.2).abs() < 3.0 * best.sigma_mm, "{count}: {best:?}");
             assert!(best.sigma_mm < 0.1, "{count}: {best:?}");
+        }
+        // One that is wider on one side.
+        let skewed = |x: f64| {
+            let width = 0.4 * 0.3f64.mul_add(((x - 2.2) / 0.4).tanh(), 1.0);
+            40.0 + 300.0 / (1.0 + ((x - 2.2) / width).powi(2))
+        };
+        for (count, from) in [(7, 1.2), (11, 1.0), (11, 1.1), (21, 1.0), (21, 1.3), (31, 1.0)] {
+            let best = by_eog(&sweep(count, from, from + 2.0, 2.0, skewed)).unwrap();
+            assert!((best.position_mm - 2.2).abs() < 2.0 * best.sigma_mm, "{count} from {from}: {best:?}");
         }
         assert_eq!(by_eog(&sweep(11, 2.4, 4.0, 0.0, eog)), None, "it only falls");
         assert_eq!(by_eog(&sweep(4, 1.0, 3.0, 0.0, eog)), None);
