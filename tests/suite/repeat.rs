@@ -77,6 +77,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         match (step.number, step.name.as_str()) {
             (2, _) => {
                 assert_eq!(step.repeatable, [1]);
+                assert_eq!(service.bench_view().shell, ShellState::Off, "the white frame was taken without it");
                 assert_eq!(
                     service.repeat(id, 1, Shown::default()).unwrap_err(),
                     ServiceError::Refused(Refusal::ConfirmKeyRequired)

@@ -118,6 +118,9 @@ async fn a_sweep_far_out_of_focus_or_through_the_shell_is_not_taken_for_a_fault(
         // The whole travel, whose ends are beyond what can be measured; then finely, about focus.
         let wide = run(&service, sweep(AxisName::Focus, -1.9, 4.0, 21)).await;
         assert!((3..21).contains(&measured(&wide)), "seed {seed}: {}", measured(&wide));
+        let asked: Vec<_> = wide.steps.iter().map(|step| step.name.as_str()).collect();
+        assert_eq!(asked, ["white_frame", "board_in_water", "measuring"], "the shell is off for the white frame alone");
+        assert_eq!(service.bench_view().shell, ShellState::On);
         let Some(Outcome::FocusSweep { best_focus: Some(best), .. }) = wide.outcome else { panic!("seed {seed}") };
         let fine = sweep(AxisName::Focus, best.position_mm - 0.1, best.position_mm + 0.1, 21);
         assert_eq!(measured(&run(&service, fine).await), 21, "seed {seed}");

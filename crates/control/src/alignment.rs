@@ -263,6 +263,7 @@ impl Alignment<'_> {
             "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
         );
         self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
+        self.motion.set_shell(ShellState::Off);
         self.context.doing("white frame");
         let found = self.context.unless_cancelled(self.eye.take_white()).await?;
         self.context.log(found);

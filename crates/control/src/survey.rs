@@ -219,20 +219,22 @@ impl Alignment<'_> {
             return Ok(());
         }
         let has_white = self.eye.has_white();
+        // For a white frame the shell is taken off, and put on again. Where it is not known whether it is on, it stays off.
+        let shell = self.motion.shell();
         if !has_white {
             self.white_frame().await?;
         }
-        self.flat_board(distance_mm).await?;
+        self.flat_board(shell, distance_mm).await?;
         if has_white && self.white_is_off().await? {
             self.another_white_frame().await?;
-            self.flat_board(distance_mm).await?;
+            self.flat_board(shell, distance_mm).await?;
         }
         Ok(())
     }
 
-    async fn flat_board(&mut self, distance_mm: Option<f64>) -> Result<(), JobEnd> {
-        // Where it is not known whether the shell is on, the white frame has had it taken off.
-        if self.motion.shell() != ShellState::On {
+    /// Puts up a flat board: in water where the shell is to be on.
+    async fn flat_board(&mut self, shell: ShellState, distance_mm: Option<f64>) -> Result<(), JobEnd> {
+        if shell != ShellState::On {
             let plan = self.plan(self.design.joint(self.motion.l_bound_mm()), self.config.assembly.initial_e_mm);
             let in_range = || {
                 let reading_mm = self.motion.position_mm(AxisName::Focus).ok()?;
