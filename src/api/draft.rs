@@ -110,7 +110,9 @@ pub(super) async fn work_out(
 )]
 pub(super) async fn plan(State(app): State<App>, JsonBody(request): JsonBody<DraftRequest>) -> Result<Json<PlanView>> {
     let (draft, origin) = drafted(&app, request)?;
-    Ok(Json(PlanView::of(&draft, &origin)))
+    let plan = PlanView::of(&draft, &origin);
+    let in_force = draft == **app.service.config();
+    Ok(Json(if in_force { app.service.as_it_usually_took(plan).await } else { plan }))
 }
 
 /// The draft that a request describes, and where its numbers come from.

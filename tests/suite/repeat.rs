@@ -59,7 +59,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     let planned: Vec<_> = first.steps.iter().map(|step| (step.name.as_str(), step.state)).collect();
     let (now, next) = (StepState::Now, StepState::Next);
     let rest = [("white_frame", now), ("triple_board_in_air", next), ("aperture", next), ("shell_and_water", next)];
-    assert_eq!(planned, [&[("homing", StepState::Done)][..], &rest].concat());
+    assert_eq!(planned, [&[("preparation", StepState::Done)][..], &rest].concat());
     assert!(first.operator_step.unwrap().repeatable.is_empty());
     assert_eq!(
         why(service.repeat(id, 1, shown)),
@@ -128,7 +128,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     let told: Vec<_> = job.steps.iter().map(|step| (step.name.as_str(), step.state, step.repeats)).collect();
     let (done, repeated) = (StepState::Done, StepState::Repeated);
     let expected = [
-        ("homing", done, None),
+        ("preparation", done, None),
         ("white_frame", repeated, None),
         ("triple_board_in_air", repeated, None),
         ("white_frame", done, Some(1)),

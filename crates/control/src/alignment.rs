@@ -155,7 +155,7 @@ impl Alignment<'_> {
 
     pub(super) async fn prepare(&mut self, plan: &Plan) -> Result<(), JobEnd> {
         self.context.stage(Stage::Preparation);
-        self.context.step_of_bench("homing");
+        self.context.step_of_bench("preparation");
         self.eye.check_camera()?;
         self.context.doing("devices and homing");
         for axis in AxisName::ALL {

@@ -13,6 +13,7 @@ use super::events::MeasurementView;
 use super::job::{Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Stage};
 use super::journal::word;
 use super::measurement::SingleMeasurement;
+use super::plan::PlanView;
 use super::recording::{Recording, RecordingState};
 use super::refusal::{Refusal, ServiceError};
 use super::service::Service;
@@ -400,6 +401,16 @@ impl Service {
             found.into_iter().filter_map(|(of, time_s)| same(of).then_some(time_s)).take(TIMES_COUNTED).collect();
         times.sort_unstable_by(f64::total_cmp);
         times.get(times.len() / 2).copied()
+    }
+
+    /// A plan for the configuration in force, each of its jobs as long as this bench has usually taken for it.
+    pub async fn as_it_usually_took(&self, mut plan: PlanView) -> PlanView {
+        let usual = async |kind, worked_out_s| self.usual_time_s(&JobRequest::of(kind)).await.unwrap_or(worked_out_s);
+        plan.duration_s = usual(JobKind::JointAlignment, plan.duration_s).await;
+        for part in &mut plan.parts {
+            part.duration_s = usual(part.kind, part.duration_s).await;
+        }
+        plan
     }
 
     /// The job that the caller's own name for a request stands for.

@@ -92,10 +92,14 @@ impl Outcome {
         let told = |name: &str, value: f64, sigma: f64| Measure { name: name.to_owned(), value, sigma, target: None };
         match self {
             Self::LBound { l_bound_mm, sigma_mm, .. } => Some(Some(told("l_bound_mm", *l_bound_mm, *sigma_mm))),
-            Self::FocusSweep { crossing_mm, crossing_sigma_mm, best_focus, .. } => {
+            Self::FocusSweep { axis, crossing_mm, crossing_sigma_mm, best_focus, .. } => {
                 let curve = best_focus.as_ref().map(|best| (best.position_mm, best.sigma_mm));
                 let best = curve.or(crossing_mm.zip(*crossing_sigma_mm));
-                Some(best.map(|(at_mm, sigma_mm)| told("best_focus_mm", at_mm, sigma_mm)))
+                let name = match axis {
+                    AxisName::Focus => "best_focus_mm",
+                    AxisName::E => "best_focus_e_mm",
+                };
+                Some(best.map(|(at_mm, sigma_mm)| told(name, at_mm, sigma_mm)))
             }
             Self::Homing { .. } | Self::Calibration { .. } | Self::SpacingWatch { .. } => None,
         }

@@ -26,7 +26,8 @@ pub enum StepState {
 /// A step of a job: something is set up, and the bench works with it until the next is asked for.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct JobStep {
-    /// `homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`.
+    /// `preparation` (devices are read, and axes homed where it is needed), `homing`, `measuring`, or the name of the
+    /// operator's step that it begins with, e.g. `white_frame`.
     pub name: String,
     /// The value to be set, with its unit; `null` where there is none.
     pub value: Option<String>,
@@ -236,7 +237,7 @@ mod tests {
         let plan =
             [("white_frame", ""), ("board_in_air", "A"), ("board_in_air", "B"), ("aperture", "f"), ("shell", "")];
         expect(&mut steps, plan.map(|(name, value)| planned(name, value)).to_vec());
-        begin(&mut steps, JobStep::of_bench("homing"), &spent(0.0, 0.0));
+        begin(&mut steps, JobStep::of_bench("preparation"), &spent(0.0, 0.0));
         steps
     }
 
@@ -244,22 +245,22 @@ mod tests {
     fn what_comes_as_planned_takes_its_place_and_what_does_not_is_put_in_or_left_out() {
         let mut steps = alignment();
         ask(&mut steps, 1, "white_frame", "");
-        assert_eq!(told(&steps), "homing *white_frame ?board_in_airA ?board_in_airB ?aperturef ?shell");
+        assert_eq!(told(&steps), "preparation *white_frame ?board_in_airA ?board_in_airB ?aperturef ?shell");
         assert_eq!((steps[0].operator_s, steps[0].bench_s), (Some(2.0), Some(3.0)));
         // At another place than planned.
         ask(&mut steps, 2, "board_in_air", "C");
-        assert_eq!(told(&steps), "homing white_frame *board_in_airC ?board_in_airB ?aperturef ?shell");
+        assert_eq!(told(&steps), "preparation white_frame *board_in_airC ?board_in_airB ?aperturef ?shell");
         // The second board is not needed; the same once more is none of those planned.
         ask(&mut steps, 3, "aperture", "f");
         ask(&mut steps, 4, "white_frame", "");
         ask(&mut steps, 5, "board_in_air", "C");
-        let now = "homing white_frame board_in_airC aperturef white_frame *board_in_airC ?shell";
+        let now = "preparation white_frame board_in_airC aperturef white_frame *board_in_airC ?shell";
         assert_eq!(told(&steps), now);
         let mut failed = steps.clone();
         close(&mut failed, false, &spent(1.0, 1.0));
         assert_eq!((told(&failed).as_str(), failed[5].bench_s), (now, Some(0.0)));
         close(&mut steps, true, &spent(1.0, 1.0));
-        assert_eq!(told(&steps), "homing white_frame board_in_airC aperturef white_frame board_in_airC");
+        assert_eq!(told(&steps), "preparation white_frame board_in_airC aperturef white_frame board_in_airC");
     }
 
     #[test]
@@ -274,11 +275,13 @@ mod tests {
         assert_eq!(repeatable(&steps, 2, "aperture"), [2], "what came before is no part of it");
         let mut board = steps.clone();
         repeat(&mut board, 2, &spent(1.0, 1.0));
-        assert_eq!(told(&board), "homing white_frame -board_in_airA -aperturef ?board_in_airA ?aperturef ?shell");
+        assert_eq!(told(&board), "preparation white_frame -board_in_airA -aperturef ?board_in_airA ?aperturef ?shell");
         assert_eq!(repeatable(&board, 1, "shell"), [1], "what is to be done again is not there to be repeated");
         ask(&mut board, 4, "board_in_air", "A");
         assert_eq!((board[4].number, board[4].state), (Some(4), StepState::Now));
         repeat(&mut steps, 1, &spent(1.0, 1.0));
-        assert!(told(&steps).starts_with("homing -white_frame -board_in_airA -aperturef ?white_frame ?board_in_airA"));
+        assert!(
+            told(&steps).starts_with("preparation -white_frame -board_in_airA -aperturef ?white_frame ?board_in_airA")
+        );
     }
 }

@@ -3720,7 +3720,8 @@ export interface components {
       position_mm: number;
       /**
        * Format: double
-       * @description Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm.
+       * @description Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm; a peak's
+       *     with what the curve's shape may be other than a peak's.
        */
       sigma_mm: number;
     };
@@ -4190,7 +4191,10 @@ export interface components {
        * @description How long the bench worked on it, s; `null` until it is over.
        */
       bench_s?: number | null;
-      /** @description `homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`. */
+      /**
+       * @description `preparation` (devices are read, and axes homed where it is needed), `homing`, `measuring`, or the name of the
+       *     operator's step that it begins with, e.g. `white_frame`.
+       */
       name: string;
       /**
        * Format: int32
@@ -4429,7 +4433,10 @@ export interface components {
     };
     /** @description The figure that a job brings to its target. */
     Measure: {
-      /** @description `delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm`, and of a measurement of l_bound `l_bound_mm`. */
+      /**
+       * @description `delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm` (a reading of the focus axis) or
+       *     `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
+       */
       name: string;
       /**
        * Format: double
@@ -4873,7 +4880,8 @@ export interface components {
       delta_v_tolerance_mm: number;
       /**
        * Format: double
-       * @description How long it takes besides the operator, about, s.
+       * @description How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for the
+       *     configuration in force and there are any.
        */
       duration_s: number;
       /**
@@ -4980,7 +4988,8 @@ export interface components {
       delta_v_mm: number;
       /**
        * Format: double
-       * @description How long it takes besides the operator, about, s.
+       * @description How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for the
+       *     configuration in force and there are any.
        */
       duration_s: number;
       /**

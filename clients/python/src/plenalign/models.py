@@ -674,7 +674,9 @@ class FittedPlace(Struct, frozen=True, kw_only=True, omit_defaults=True):
     position_mm: float
     """Position of the axis, mm."""
     sigma_mm: float
-    """Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm."""
+    """Its standard uncertainty, by the points' own or by their scatter about the curve, whichever is greater, mm; a
+    peak's with what the curve's shape may be other than a peak's.
+    """
 
 
 class Health(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1050,7 +1052,9 @@ class JobStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
     bench_s: float | None = None
     """How long the bench worked on it, s; `null` until it is over."""
     name: str
-    """`homing`, `measuring`, or the name of the operator's step that it begins with, e.g. `white_frame`."""
+    """`preparation` (devices are read, and axes homed where it is needed), `homing`, `measuring`, or the name of
+    the operator's step that it begins with, e.g. `white_frame`.
+    """
     number: int | None = None
     """Number of the operator's step that it begins with; `null` where it begins with none, or is still to come."""
     operator_s: float | None = None
@@ -1233,8 +1237,8 @@ class Measure(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The figure that a job brings to its target."""
 
     name: str
-    """`delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm`, and of a measurement of l_bound
-    `l_bound_mm`.
+    """`delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm` (a reading of the focus axis) or
+    `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
     """
     sigma: float
     """The standard uncertainty of that."""
@@ -1555,7 +1559,9 @@ class PlanView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     delta_v_tolerance_mm: float
     """Tolerance of Δv, mm."""
     duration_s: float
-    """How long it takes besides the operator, about, s."""
+    """How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for
+    the configuration in force and there are any.
+    """
     e_above_mm: float
     """By how much e may end above what is aimed at even so, mm: the e axis's reading does not pass the wall,
     however far its zero and scale are off. Δv is trimmed for the e that there is then, and the picture is as
@@ -1619,7 +1625,9 @@ class PlannedJob(Struct, frozen=True, kw_only=True, omit_defaults=True):
     delta_v_mm: float
     """Δv aimed at, mm."""
     duration_s: float
-    """How long it takes besides the operator, about, s."""
+    """How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for
+    the configuration in force and there are any.
+    """
     e_mm: float | None = None
     """e aimed at, mm; of a clarity job, the one that it holds where its request names none. Null where e is not
     aimed at.

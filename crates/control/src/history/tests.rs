@@ -4,7 +4,7 @@ use super::*;
 use crate::events::Event;
 use crate::lease::LeaseRequest;
 use crate::open_bench;
-use bench::config::Config;
+use bench::config::{Config, ConfigOrigin};
 use bench::device::AxisName;
 
 #[tokio::test(start_paused = true)]
@@ -30,5 +30,12 @@ async fn only_the_same_request_that_came_to_its_end_tells_how_long_one_takes() {
         assert_eq!(state == JobState::Cancelled, cancelled, "{state}");
         assert_eq!(service.usual_time_s(&noted).await.is_some_and(|time_s| time_s > 0.0), known);
         assert_eq!(service.usual_time_s(&focus).await, None);
+        // A plan says what it took; where there was none, what is worked out.
+        let mut plan = PlanView::of(service.config(), &ConfigOrigin::Preset);
+        (plan.parts[0].kind, plan.parts[0].duration_s) = (JobKind::Homing, 1e6);
+        let told = service.as_it_usually_took(plan.clone()).await;
+        assert_eq!(told.parts[0].duration_s, service.usual_time_s(&homing).await.unwrap_or(1e6));
+        (plan.parts[0].duration_s, plan.parts[0].kind) = (told.parts[0].duration_s, told.parts[0].kind);
+        assert_eq!(told, plan);
     }
 }

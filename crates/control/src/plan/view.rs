@@ -89,7 +89,8 @@ pub struct PlannedJob {
     pub e_mm: Option<f64>,
     /// What the operator is asked to do.
     pub operator_steps: Vec<PlannedStep>,
-    /// How long it takes besides the operator, about, s.
+    /// How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for the
+    /// configuration in force and there are any.
     pub duration_s: f64,
 }
 
@@ -147,7 +148,8 @@ pub struct PlanView {
     pub assumed: String,
     /// What the operator is asked to do.
     pub operator_steps: Vec<PlannedStep>,
-    /// How long it takes besides the operator, about, s.
+    /// How long it takes besides the operator, about, s: as the newest such jobs of this bench took, where it is for the
+    /// configuration in force and there are any.
     pub duration_s: f64,
     /// What the kinds of job that are parts of an alignment, or its like, will ask and take.
     pub parts: Vec<PlannedJob>,
