@@ -6,6 +6,7 @@ import { Absences } from "./absences";
 import { ControlGone, Lease } from "./bench/lease";
 import { ProblemLine } from "./problem";
 import type { Given } from "./given";
+import { Call } from "./job/call";
 import { Secret } from "./secret";
 import { Who } from "./sign-in";
 import { Stop, StopNotices } from "./stop";
@@ -69,6 +70,7 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
           {state.link === "lost" && <Retry {...given} />}
         </div>
       )}
+      {!alone && <Call state={state} />}
       <StopNotices {...given} />
       {state.controlLost && <ControlGone {...given} lost={state.controlLost} />}
       {bench && state.link === "open" && <Absences bench={bench} />}

@@ -6,9 +6,8 @@ export const meterPage: typeof en.meterPage = {
   open: "Für sich",
   openMore: "Die Fokusanzeige allein, in großen Ziffern: für einen zweiten Bildschirm oder ein Telefon",
   back: "◀ Ganze Seite",
+  unit: "px",
   fullScreen: "Vollbild",
   spacing: (spacing, sigma, target) => `${spacing} ± ${sigma} px, Soll ${target} px`,
   age: (seconds) => `${seconds} s alt`,
-  turn: "Sie sind dran",
-  operatorsTurn: "Die Bedienung ist dran",
 };

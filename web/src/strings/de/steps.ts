@@ -4,6 +4,7 @@ import type * as en from "../en/steps";
 
 const names: Record<string, string> = {
   homing: "Referenzfahrt",
+  preparation: "Geräte, und Referenzfahrt, wo nötig",
   measuring: "Messen",
   white_frame: "Streuscheibe aufsetzen",
   triple_board_in_air: "Dreistufentafel in Luft",

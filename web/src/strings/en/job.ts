@@ -130,12 +130,20 @@ export const job = {
   operator: (step: number) => `Your turn · no. ${step}`,
   /** To whoever cannot confirm it. */
   operators: (step: number) => `The operator’s turn · no. ${step}`,
-  progress: (step: number, of: number) => `step ${step} of about ${of}`,
+  turn: "Your turn",
+  operatorsTurn: "The operator’s turn",
+  progress: (step: number, of: number) => `action ${step} of about ${of}`,
   left: (text: string) => `about ${text} left, not counting the operator’s part`,
-  figure: (of: string, value: string) => `${of} ${value}`,
-  figureAimed: (of: string, value: string, target: string) => `${of} ${value}, target ${target}`,
+  figure: (of: string, value: string) => `last measured: ${of} ${value}`,
+  figureAimed: (of: string, value: string, target: string) =>
+    `last measured: ${of} ${value}, target ${target}`,
   of: (name: string): string =>
-    ({ delta_v_mm: "Δv", best_focus_mm: "best focus at", l_bound_mm: "l_bound" })[name] ?? "spacing",
+    ({
+      delta_v_mm: "Δv",
+      best_focus_mm: "best focus with the focus axis at",
+      best_focus_e_mm: "best focus with the e axis at",
+      l_bound_mm: "l_bound",
+    })[name] ?? "spacing",
   see: "Show the job",
   byWhom: (owner: string, when: string) => `started by ${owner || "somebody"} at ${when}`,
   earlier: "This is a job of earlier on.",

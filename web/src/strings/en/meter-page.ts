@@ -4,10 +4,9 @@ export const meterPage = {
   open: "By itself",
   openMore: "The meter alone, in large figures: for a second screen, or a phone",
   back: "◀ Whole page",
+  unit: "px",
   fullScreen: "Full screen",
   spacing: (spacing: string, sigma: string, target: string) =>
     `${spacing} ± ${sigma} px, target ${target} px`,
   age: (seconds: string) => `${seconds} s old`,
-  turn: "Your turn",
-  operatorsTurn: "The operator’s turn",
 };

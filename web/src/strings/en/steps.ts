@@ -4,6 +4,7 @@ import type { Setup, StepState } from "../../wire";
 
 const names: Record<string, string> = {
   homing: "Homing",
+  preparation: "Devices, and homing where it is needed",
   measuring: "Measuring",
   white_frame: "Put the diffuser on",
   triple_board_in_air: "Triple-level board in air",

@@ -23,6 +23,9 @@ import { Steps } from "./steps";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
 
+/** Reasons that say no more than the state does. */
+const REPEATS = ["done", "cancelled"];
+
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(given: Given) {
   const { state } = given;
@@ -109,7 +112,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
       </p>
       {!over && <Turn key={job.id} {...given} />}
       {!over && <Progress job={job} unit={unit} />}
-      {over && job.reason && (
+      {over && job.reason && !REPEATS.includes(job.reason) && (
         <p class="reason" lang="en">
           {sentence(reworded(job.reason, unit))}
         </p>

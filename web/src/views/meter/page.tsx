@@ -1,13 +1,12 @@
 import { fixed, span } from "../../format";
 import { isOfOne } from "../../reading";
 import { isBeingSetUp, knowsMotion } from "../../set-up";
-import { jobUnderWay, turnOf } from "../../state";
-import { addressOf } from "../../route";
+import { jobUnderWay } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import { nothingRead } from "../../unread";
 import { FullScreen } from "../full-screen";
-import { mayConfirm } from "../job/turn";
+import { Call } from "../job/call";
 import { ARROW, NO_FIGURE, readAloud, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
 import type { Given } from "../given";
@@ -51,6 +50,7 @@ export function MeterPage(earlier: Given) {
         <span class="number" id="difference">
           {figure}
         </span>
+        {reading && <span class="unit">{strings.meterPage.unit}</span>}
       </p>
       <p class="meter-tags">
         {old && ageMs !== null ? (
@@ -66,11 +66,7 @@ export function MeterPage(earlier: Given) {
         {reading && !reading.settled && !old && (
           <span class="tag">{knowsMotion(state.bench) ? strings.meter.moving : strings.meter.mayMove}</span>
         )}
-        {job && turnOf(state) !== null && (
-          <a class="tag turn" href={addressOf("alignment")}>
-            {mayConfirm(state, job) ? strings.meterPage.turn : strings.meterPage.operatorsTurn}
-          </a>
-        )}
+        <Call state={state} />
       </p>
       <p class="advice">
         <b>{says.of}.</b> <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>
