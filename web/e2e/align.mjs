@@ -419,7 +419,7 @@ try {
   await page.locator(".camera", { hasText: "A change drops the white frame" }).waitFor();
   await exposure.fill("9");
   await exposure.press("Enter");
-  await page.locator(".meter", { hasText: "once a white frame has been taken" }).waitFor();
+  await page.locator(".meter", { hasText: "measured by a white frame, and there is none" }).waitFor();
   await until(async () => (await painted(page)) === 0, "a map is drawn over what it is not of");
   assert.equal(await page.locator("#difference").count(), 0, "what was read with another exposure is shown");
   assert.equal(await page.locator(".camera", { hasText: "A change drops the white frame" }).count(), 0);

@@ -70,7 +70,7 @@ const root = document.getElementById("app");
 const cadence = new Cadence(() => {
   if (!root) return;
   const now = pageNow();
-  render(<App {...{ state, newest, now, update, enter, leave, makeToken }} />, root);
+  render(<App {...{ state, newest, now, update, enter, leave, makeToken, handed: handed !== null }} />, root);
 });
 const newest = () => state;
 const update = (change: Partial<State>) => set({ ...state, ...change });
@@ -179,8 +179,10 @@ async function identify(): Promise<void> {
     api.lease.left();
     if (state.session !== null && state.session !== "stranger") handed = null;
     // Nothing that was shown to somebody is left for the next one.
-    const { problem, route, preferences, made } = state;
+    const { route, preferences, made } = state;
     const out = whyOut(state.session, who.ended, state.out);
+    // Why one is out is said once: the command that was refused for it says no more.
+    const problem = out === null ? state.problem : null;
     set({ ...initial, problem, route, preferences, made, session: "stranger", out });
     eyepiece.forget();
     return;

@@ -1,5 +1,6 @@
 // What people are called who have control, or had.
 
+import { sentence } from "./format";
 import { strings } from "./strings";
 
 /** What the daemon is told of whoever has given no name: in its own language, as it goes into records that all read. */
@@ -24,8 +25,9 @@ export function called(owner: string): string {
   return TURNED.test(owner) ? `\u2068${owner}\u2069` : owner;
 }
 
-/** How somebody is called who is not at this page: the same person may be, in another window. */
-export function another(owner: string): string {
-  const name = called(owner);
+/** How somebody is called who is not at this page: the same person may be, in another window. Nobody's name begins a
+ *  sentence as it stands. */
+export function another(owner: string, place: "first" | "within" = "within"): string {
+  const name = owner === NAMELESS && place === "first" ? sentence(`${called(owner)} `).trim() : called(owner);
   return owner === own && owner !== NAMELESS ? strings.lease.elsewhere(name) : name;
 }

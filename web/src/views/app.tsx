@@ -25,6 +25,7 @@ interface Props {
   enter: (key: string) => Promise<Problem | null>;
   leave: () => Promise<void>;
   makeToken: (token: TokenRequest) => Promise<boolean>;
+  handed: boolean;
 }
 
 const VIEWS = {
@@ -36,7 +37,7 @@ const VIEWS = {
   meter: MeterPage,
 } as const;
 
-export function App({ state, newest, now, update, enter, leave, makeToken }: Props) {
+export function App({ state, newest, now, update, enter, leave, makeToken, handed }: Props) {
   const act: Act = async (request) => {
     const result = await request;
     update({ problem: result.ok ? null : result.problem });
@@ -67,7 +68,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken }: Pro
           {state.made && <Secret made={state.made} kept={() => update({ made: null })} />}
         </header>
         <main class="alone">
-          <SignIn out={state.out} enter={enter} />
+          <SignIn out={state.out} handed={handed} enter={enter} />
         </main>
       </>
     );

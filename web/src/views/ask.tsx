@@ -12,7 +12,7 @@ interface Props {
 
 /**
  * Asks before something is done, in its place on the page: a modal dialogue would put STOP out of reach. The focus goes
- * to the answer that changes nothing; none is taken in its first half second.
+ * to the answer that changes nothing, which Escape gives, too; none is taken in its first half second.
  */
 export function Ask({ question, yes, no, answer }: Props) {
   const stay = useRef<HTMLButtonElement>(null);
@@ -21,7 +21,12 @@ export function Ask({ question, yes, no, answer }: Props) {
   useEffect(() => stay.current?.focus(), []);
   const say = (way: number | null) => settled && answer(way !== null, way ?? 0);
   return (
-    <div class="ask" role="alertdialog" aria-label={question}>
+    <div
+      class="ask"
+      role="alertdialog"
+      aria-label={question}
+      onKeyDown={({ key }) => key === "Escape" && say(null)}
+    >
       <p>{question}</p>
       <p class="actions">
         {(typeof yes === "string" ? [yes] : yes).map((words, way) => (

@@ -8,11 +8,13 @@ import { ProblemLine } from "./problem";
 interface Props {
   /** Why one is out who was in. */
   out: State["out"];
+  /** Whether one has come by a link with a job's confirm key. */
+  handed: boolean;
   enter: (key: string) => Promise<Problem | null>;
 }
 
 /** Shown in the page's place to whom the daemon does not know. */
-export function SignIn({ out, enter }: Props) {
+export function SignIn({ out, handed, enter }: Props) {
   const [key, setKey] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
   const submit = async (event: Event) => {
@@ -28,6 +30,7 @@ export function SignIn({ out, enter }: Props) {
           <b>{whyOf(out)}</b>
         </p>
       )}
+      {handed && <p id="handed">{strings.signIn.handed}</p>}
       <p>{strings.signIn.more}</p>
       <label>
         {strings.signIn.token}

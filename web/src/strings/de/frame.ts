@@ -76,6 +76,8 @@ export const signIn: typeof en.signIn = {
   more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“. Was an der Bank läuft, läuft unterdessen weiter, und STOP ist von hier nicht zu erreichen: der Not-Halt an der Bank schon.",
   signOut: "Abmelden",
   token: "Token",
+  handed:
+    "Mit dem Link, den Sie geöffnet haben, können Sie die Schritte eines Auftrags bestätigen. Melden Sie sich an, dann stehen sie vor Ihnen.",
   ended: {
     revoked: (name, when, by) =>
       `Das Token von ${name} wurde ${by === null ? "am Rechner des Dienstes" : `von ${by}`} widerrufen, ${when}: Es lässt niemanden mehr ein.`,

@@ -67,7 +67,7 @@ export const meter: typeof en.meter = {
   unheard: "Noch ist nichts bekannt",
   noneBegin: "Eine beginnen",
   noneMore:
-    "Das Livebild wird gemessen, sobald ein Weißbild aufgenommen ist: Eine Justage beginnt mit einem.",
+    "Das Livebild wird mit einem Weißbild gemessen, und von der Kamera, wie sie eingestellt ist, gibt es keines: Eine Justage beginnt mit einem.",
   unit: "px",
   sigma: (sigma) => `± ${sigma}`,
   target: (target) => `Soll ${target} px`,

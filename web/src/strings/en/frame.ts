@@ -72,6 +72,7 @@ export const signIn = {
   more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”. What is under way at the bench goes on meanwhile, and STOP is out of reach here: the hardware emergency stop is not.",
   signOut: "Sign out",
   token: "Token",
+  handed: "The link that you have opened lets you confirm a job’s steps. Sign in, and they are before you.",
   /** Why one is out who was in. */
   ended: {
     revoked: (name: string, when: string, by: string | null) =>

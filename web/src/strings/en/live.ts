@@ -70,7 +70,8 @@ export const meter = {
   /** Before the daemon has said anything. */
   unheard: "Nothing is known yet",
   noneBegin: "Begin one",
-  noneMore: "The live picture is measured once a white frame has been taken: an alignment begins with one.",
+  noneMore:
+    "The live picture is measured by a white frame, and there is none of the camera as it is set: an alignment begins with one.",
   unit: "px",
   sigma: (sigma: string) => `± ${sigma}`,
   target: (target: string) => `target ${target} px`,

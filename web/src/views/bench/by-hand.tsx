@@ -26,7 +26,7 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
   const name = strings.axis.short[axis.axis];
   const target = toMm(numberOf(text), unit);
   // What is only begun, a sign say, is no mistake yet.
-  const unread = /\d/.test(text) && !Number.isFinite(target);
+  const unread = /[\d\p{L}]/u.test(text) && !Number.isFinite(target);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
   const still = disabled || position === null || axis.moving;
   const beyond = sideBeyond(axis);

@@ -30,7 +30,7 @@ export function Bench(given: Given) {
       <h2 class="unseen">{strings.byHand.title}</h2>
       {state.session !== null && !commanding && <p class="quiet">{strings.viewOnly}</p>}
       {commanding && state.link === "open" && other !== null && (
-        <p class="quiet">{strings.byHand.others(another(other))}</p>
+        <p class="quiet">{strings.byHand.others(another(other, "first"))}</p>
       )}
       <p class="paces">
         <Old {...given} />

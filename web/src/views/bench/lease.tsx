@@ -30,7 +30,7 @@ export function Lease({ state, act, now }: Given) {
         ? strings.lease.free
         : mine
           ? strings.lease.mine(called(lease.owner))
-          : strings.lease.held(another(lease.owner), lease.note);
+          : strings.lease.held(another(lease.owner, "first"), lease.note);
   const more =
     lease === null || state.link !== "open"
       ? ""
@@ -84,7 +84,7 @@ export function ControlGone({ lost, update }: Given & { lost: ControlLost }) {
   return (
     <div class="control-lost" role="alert">
       <p>
-        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(another(lost.to))}</b>{" "}
+        <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(another(lost.to, "first"))}</b>{" "}
         {strings.lease.lostMore}
       </p>
       <button type="button" onClick={() => update({ controlLost: null })}>

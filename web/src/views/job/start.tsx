@@ -164,7 +164,7 @@ export function StartJob(given: Given) {
           {why}
         </p>
       ))}
-      {other !== null && <p class="quiet">{strings.byHand.others(another(other))}</p>}
+      {other !== null && <p class="quiet">{strings.byHand.others(another(other, "first"))}</p>}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

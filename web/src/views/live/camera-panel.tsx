@@ -36,7 +36,7 @@ function barred(state: State): string | null {
   if (!bench.camera.online) return words.gone;
   const other = api.lease.other(bench.lease);
   if (bench.job) return words.job;
-  return other === null ? null : words.others(another(other));
+  return other === null ? null : words.others(another(other, "first"));
 }
 
 /** The camera's exposure and gain, and how the newest frame is exposed. */
