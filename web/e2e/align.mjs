@@ -546,6 +546,12 @@ async function handOver(page) {
   await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
   await other.locator(".give-key").waitFor();
 
+  step("where the prompt is not in sight the page says whose turn it is, and leads to it");
+  await page.evaluate(() => (location.hash = "#/design"));
+  await page.locator("header .call", { hasText: "Your turn" }).click();
+  await page.locator("#confirm").waitFor();
+  await page.locator("header .call").waitFor({ state: "detached" });
+
   step("the link with the key confirms it, and leaves no key in the address bar");
   await page.locator(".hand-on summary").click();
   await photograph(page, "hand-on");

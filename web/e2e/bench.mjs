@@ -133,6 +133,16 @@ try {
   await ana.page.locator(".lease[data-lease=mine]").waitFor();
   await ben.page.locator(".lease[data-lease=others]", { hasText: "Ana at the bench has control" }).waitFor();
 
+  step("a tab that is opened from the one that has control does not have it, too");
+  const opened = ana.page.waitForEvent("popup");
+  await ana.page.evaluate(() => void window.open(location.href));
+  const copy = await opened;
+  await copy
+    .locator(".lease[data-lease=others]", { hasText: "Ana at the bench (in another window)" })
+    .waitFor();
+  await copy.close();
+  await ana.page.locator(".lease[data-lease=mine]").waitFor();
+
   for (const { page } of [ana, ben]) {
     await open(page, "Live");
     await page.locator(".axes").waitFor();
@@ -252,6 +262,11 @@ try {
   assert.equal(await ana.page.locator(".ask button:focus").textContent(), "Don’t");
   await photograph(ana.page, "large-move");
   await ana.page.locator(".ask button:focus").click();
+  await asked(ana.page, field);
+  // It takes no answer at once.
+  await ana.page.locator(".ask .primary:not([aria-disabled=true])").waitFor();
+  await ana.page.keyboard.press("Escape");
+  await ana.page.locator(".ask").waitFor({ state: "detached" });
   await frames(2);
   assert(Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "it moved although it was told not to");
   await asked(ana.page, field);
@@ -270,7 +285,9 @@ try {
     "the page shows an axis as moving that is still",
   );
 
-  step("a place beyond the limits is named as such, and not asked about");
+  step("a place beyond the limits, or none, is named as such, and not asked about");
+  await field.fill("abc");
+  await ana.page.locator(".axes .fault", { hasText: "no number" }).waitFor();
   await field.fill("90");
   await ana.page.locator(".axes .fault", { hasText: "from −2.00 mm to 5.00 mm" }).waitFor();
   await field.press("Enter");

@@ -82,6 +82,14 @@ try {
   await page.locator("header .problem").waitFor();
   await page.locator("#sign-in").waitFor();
 
+  step("whoever comes by the link to a job's prompts is told that it counts once they have signed in");
+  await page.goto("about:blank");
+  const job = "01a224ed-9bfe-7727-bfca-cc9e9f537cb7";
+  await page.goto(`${address}#/alignment/${job}/confirm_${"0".repeat(64)}`);
+  await page.locator("#sign-in #handed").waitFor();
+  await page.goto(address);
+  await page.locator("#sign-in").waitFor();
+
   step("a wrong token is told, a right one lets in");
   await page.locator("#sign-in input").fill("plenalign_wrong");
   await page.locator("#sign-in button").click();

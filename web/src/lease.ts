@@ -47,9 +47,14 @@ export class LeaseKeeper {
     return this.storage.getItem(KEY);
   }
 
+  /** The lease that this page holds. */
+  get id(): string | null {
+    return this.key === null ? null : this.storage.getItem(ID);
+  }
+
   /** Whether a lease seen is the one this page holds. */
   isMine(lease: { id: string } | null): boolean {
-    return lease !== null && this.key !== null && lease.id === this.storage.getItem(ID);
+    return lease !== null && lease.id === this.id;
   }
 
   /** Whether this page has it, and a job does with it. */

@@ -6,6 +6,7 @@ import { awake } from "./awake";
 import { Belongings } from "./belongings";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
 import { keyOfAddress, type ConfirmKey } from "./confirm-key";
+import { keepToOne } from "./copies";
 import { eyepiece } from "./eyepiece";
 import { install } from "./install";
 import { jog, watchJog } from "./jogging";
@@ -58,6 +59,7 @@ const belongings = new Belongings(sessionStorage, () => {
 });
 
 takeConfirmKey();
+keepToOne(api.lease, performance.timeOrigin);
 /** The newest reset of the stop that was read here is no news after a reload. */
 const RESET_SEEN = "plenalign.reset-seen";
 let state: State = {
