@@ -3,8 +3,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-/// Rounds of Gauss and Newton: an alignment's equations are nearly straight, so that three would do.
+/// Rounds of Gauss and Newton at the most: an alignment's equations are nearly straight, so that three do as a rule.
 const ROUNDS: usize = 6;
+/// A round that moves no unknown by more than this, in units of its standard uncertainty beforehand, is the last: the slopes
+/// where it began are those where it ended.
+const SETTLED: f64 = 1e-5;
 /// By how much an unknown is moved for a slope, in units of its standard uncertainty beforehand.
 const STEP: f64 = 1e-3;
 /// What is no further off than so many standard uncertainties goes together: of some ten that could be, one is in ten cases.
@@ -50,13 +53,19 @@ impl Adjusted {
         };
         let seen = weighted(measured.iter().map(|m| m.value).collect());
         let slopes = |at: &DVector<f64>| slopes(at, measured.len(), |unknowns| weighted(predicted(unknowns)));
+        let mut settled = None;
         for _ in 0..ROUNDS {
             let slopes = slopes(&unknowns);
             let residual = &seen - weighted(predicted(&unknowns));
             let normal = DMatrix::identity(count, count) + slopes.transpose() * &slopes;
-            unknowns += normal.cholesky()?.solve(&(slopes.transpose() * residual - &unknowns));
+            let step = normal.cholesky()?.solve(&(slopes.transpose() * residual - &unknowns));
+            unknowns += &step;
+            if step.amax() < SETTLED {
+                settled = Some(slopes);
+                break;
+            }
         }
-        let slopes = slopes(&unknowns);
+        let slopes = settled.unwrap_or_else(|| slopes(&unknowns));
         let covariance = (DMatrix::identity(count, count) + slopes.transpose() * &slopes).cholesky()?.inverse();
         let residual = seen - weighted(predicted(&unknowns));
         let expected = DMatrix::identity(measured.len(), measured.len()) - &slopes * &covariance * slopes.transpose();
