@@ -112,7 +112,7 @@ impl Service {
         key: Option<String>,
         recorded: Recorded,
     ) -> Result<JobSnapshot, ServiceError> {
-        request.check()?;
+        request.check(&self.config)?;
         self.history_ready().await?;
         let (job, context) = self.reserve(permit, &admission, &request, key)?;
         let written = self.journal.begin_job(job.chronicle()).await.map_err(ServiceError::from);

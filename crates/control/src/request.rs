@@ -5,6 +5,7 @@ use utoipa::ToSchema;
 
 use super::lease::{MAX_TEXT, turns_text};
 use super::refusal::ServiceError;
+use bench::config::Config;
 use bench::device::AxisName;
 use bench::whole::whole_or_none;
 
@@ -160,11 +161,12 @@ impl JobRequest {
         }
     }
 
-    /// Whether the kind takes what is given, has what it needs, and every number is within its range.
+    /// Whether the kind takes what is given, has what it needs, and every number is within its range, for the camera that is
+    /// configured.
     ///
     /// # Errors
     /// [`ServiceError::Invalid`], naming the field.
-    pub fn check(&self) -> Result<(), ServiceError> {
+    pub fn check(&self, config: &Config) -> Result<(), ServiceError> {
         let takes = Self::takes(self.kind);
         for (field, given) in [
             ("e_mm", self.e_mm.is_some()),
@@ -190,6 +192,13 @@ impl JobRequest {
         }
         within("e_mm", self.e_mm, -1e3, 1e3)?;
         within("distance_mm", self.distance_mm, 1.0, 1e5)?;
+        let focal_mm = config.main_lens.focal_length_mm;
+        if let Some(distance_mm) = self.distance_mm.filter(|distance_mm| *distance_mm <= focal_mm) {
+            let what = format!(
+                "a board at {distance_mm} mm has no image: it stands within the lens's focal length, {focal_mm} mm"
+            );
+            return invalid("distance_mm", what);
+        }
         within("from_mm", self.from_mm, -1e4, 1e4)?;
         within("to_mm", self.to_mm, -1e4, 1e4)?;
         within("duration_s", self.duration_s, 1.0, 86_400.0)?;
@@ -248,7 +257,7 @@ mod tests {
     use super::*;
 
     fn field(request: &JobRequest) -> Option<&'static str> {
-        match request.check() {
+        match request.check(&Config::default()) {
             Ok(()) => None,
             Err(ServiceError::Invalid { field, .. }) => Some(field),
             Err(other) => panic!("{other}"),
@@ -268,7 +277,9 @@ mod tests {
         assert_eq!(field(&JobRequest { steps: Some(1), ..sweep.clone() }), Some("steps"));
         assert_eq!(field(&JobRequest { to_mm: Some(f64::NAN), ..sweep.clone() }), Some("to_mm"));
         assert_eq!(field(&JobRequest { note: Some("to 1.5 mm\u{202e}".into()), ..sweep.clone() }), Some("note"));
-        assert_eq!(field(&JobRequest { note: Some(" ".into()), ..sweep }), Some("note"));
+        assert_eq!(field(&JobRequest { note: Some(" ".into()), ..sweep.clone() }), Some("note"));
+        let board_at = |distance_mm| JobRequest { distance_mm: Some(distance_mm), ..sweep.clone() };
+        assert_eq!((field(&board_at(20.0)), field(&board_at(20.1))), (Some("distance_mm"), None));
         assert_eq!(field(&of(JobKind::SpacingWatch)), Some("duration_s"));
         let watch = JobRequest { duration_s: Some(3600.0), ..of(JobKind::SpacingWatch) };
         assert_eq!((field(&watch), watch.watch().unwrap()), (None, (3600.0, 7.2)));
