@@ -455,7 +455,9 @@ impl From<Refusal> for Problem {
             Refusal::NotHomed { axis } => {
                 Self::refused("not-homed", "The axis is not homed", it, json!({ "axis": axis }))
             }
-            Refusal::Moving { axis } => Self::refused("moving", "The axis is moving", it, json!({ "axis": axis })),
+            Refusal::Moving { axis } => {
+                Self::refused("moving", "Not while the axis moves", it, json!({ "axis": axis }))
+            }
             Refusal::Contradiction { axis, contradictions } => {
                 let members = json!({ "axis": axis, "contradictions": contradictions });
                 Self::refused("contradiction", "The controller contradicts the configuration", it, members)

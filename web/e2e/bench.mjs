@@ -274,7 +274,7 @@ try {
   await ana.page.locator(".axis[data-axis=focus] .tag", { hasText: "moving" }).waitFor();
   // What moves already is not moved by a button that is held; that it moves is no news once it stands.
   await press(ana.page, hold(ana.page, "focus", "low"));
-  const refused = ana.page.locator("header .problem", { hasText: "The axis is moving" });
+  const refused = ana.page.locator("header .problem", { hasText: "Not while the axis moves" });
   await refused.waitFor();
   await ana.page.mouse.up();
   await until(async () => (await position("focus")) > 4.4, "the move was not made");

@@ -183,8 +183,8 @@ async function identify(): Promise<void> {
     // Nothing that was shown to somebody is left for the next one.
     const { route, preferences, made } = state;
     const out = whyOut(state.session, who.ended, state.out);
-    // Why one is out is said once: the command that was refused for it says no more.
-    const problem = out === null ? state.problem : null;
+    // That a token has ended is said once: the command that was refused for it says no more.
+    const problem = who.ended === null ? state.problem : null;
     set({ ...initial, problem, route, preferences, made, session: "stranger", out });
     eyepiece.forget();
     return;

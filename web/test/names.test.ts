@@ -6,6 +6,8 @@ describe("how somebody is called", () => {
   it("is by name, and in the reader's words without one", () => {
     expect(called("Ada")).toBe("Ada");
     expect(called(NAMELESS)).toBe(strings.lease.owner);
+    expect([called("ada", "first"), another("ada", "first")]).toEqual(["ada", "ada"]);
+    expect([called(NAMELESS, "first"), another(NAMELESS, "first")]).toEqual(["A browser", "A browser"]);
   });
 
   it("turns nothing that stands around a name written from right to left", () => {

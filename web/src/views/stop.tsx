@@ -60,7 +60,7 @@ export function StopNotices(given: Given) {
       {reset && (
         <div class="was-reset" role="alert">
           <p>
-            <b>{strings.stop.wasReset(called(reset.by), clock(reset.at))}:</b> {reset.why}
+            <b>{strings.stop.wasReset(called(reset.by, "first"), clock(reset.at))}:</b> {reset.why}
             {reset.stopped_at &&
               ` (${strings.stop.hadStopped(called(reset.stopped_by ?? ""), clock(reset.stopped_at))})`}
           </p>
