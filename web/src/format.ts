@@ -23,9 +23,14 @@ export function withSigma(
   return sigma === null || sigma === undefined ? text : `${text} ± ${fixed(sigma, digits)}`;
 }
 
+/** With a capital. */
+export function capitalised(text: string): string {
+  return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
 /** Words that come after others' end as a sentence of their own: what they begin with stays as it is where it is a name. */
 export function sentence(text: string): string {
-  return /^(a|[a-z]{2,})[ ,]/.test(text) ? text.charAt(0).toUpperCase() + text.slice(1) : text;
+  return /^(a|[a-z]{2,})[ ,]/.test(text) ? capitalised(text) : text;
 }
 
 /** A while in words, rounded: seconds, then minutes, then hours. */

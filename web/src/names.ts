@@ -1,5 +1,6 @@
 // What people are called who have control, or had.
 
+import { capitalised } from "./format";
 import { strings } from "./strings";
 
 /** What the daemon is told of whoever has given no name: in its own language, as it goes into records that all read. */
@@ -25,8 +26,7 @@ const TURNED = /[\p{Script=Arabic}\p{Script=Hebrew}\p{Script=Syriac}\p{Script=Th
  *  what stands for one that nobody has given has a capital where it comes first in a sentence. */
 export function called(owner: string, place: Place = "within"): string {
   const { owner: nameless } = strings.lease;
-  if (owner === NAMELESS)
-    return place === "first" ? nameless.charAt(0).toUpperCase() + nameless.slice(1) : nameless;
+  if (owner === NAMELESS) return place === "first" ? capitalised(nameless) : nameless;
   return TURNED.test(owner) ? `\u2068${owner}\u2069` : owner;
 }
 

@@ -1,5 +1,6 @@
 import { moment } from "../../format";
 import { addressOf } from "../../route";
+import { reasonOf } from "../../reason";
 import { strings } from "../../strings";
 import { reached, reworded, type LengthUnit } from "../../units";
 import type { JobItem } from "../../wire";
@@ -65,6 +66,7 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
   const when = moment(job.created_at);
   const what = strings.job.kinds[job.kind];
   const measure = job.progress.measure;
+  const reason = reasonOf(job);
   return (
     <tr>
       <td class="words">
@@ -76,10 +78,10 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
-        {job.reason && (
+        {reason !== null && (
           <span class="quiet reason-of" lang="en">
             {" "}
-            {reworded(job.reason, unit)}
+            {reworded(reason, unit)}
           </span>
         )}
       </td>

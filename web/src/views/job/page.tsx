@@ -5,6 +5,7 @@ import { called } from "../../names";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
 import { movedSince } from "../../moved-since";
+import { reasonOf } from "../../reason";
 import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Job } from "../../wire";
@@ -22,9 +23,6 @@ import { StartJob } from "./start";
 import { Steps } from "./steps";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
-
-/** Reasons that say no more than the state does. */
-const REPEATS = ["done", "cancelled"];
 
 /** A job from its start to its report; one of earlier on where the address names it. */
 export function AlignmentPage(given: Given) {
@@ -98,6 +96,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
   const over = isFinal(job.state);
   const since = present ? movedSince(job, given.state.bench) : null;
   const { unit } = given.state.preferences;
+  const reason = reasonOf(job);
   const card = useCard(over);
   return (
     <section ref={card} class="card job" tabIndex={-1} aria-label={strings.job.title} data-state={job.state}>
@@ -112,9 +111,9 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
       </p>
       {!over && <Turn key={job.id} {...given} />}
       {!over && <Progress job={job} unit={unit} />}
-      {over && job.reason && !REPEATS.includes(job.reason) && (
+      {over && reason !== null && (
         <p class="reason" lang="en">
-          {sentence(reworded(job.reason, unit))}
+          {sentence(reworded(reason, unit))}
         </p>
       )}
       {since && <p class="moved-since">{strings.job.since[since]}</p>}

@@ -1,0 +1,14 @@
+import { expect, test } from "vitest";
+import { reasonOf } from "../src/reason";
+
+test("a reason is told where it says more than the state", () => {
+  expect(["done", "cancelled", "", null].map((reason) => reasonOf({ reason }))).toEqual([
+    null,
+    null,
+    null,
+    null,
+  ]);
+  expect(reasonOf({ reason: "cancelled by Ben, who took control" })).toBe(
+    "cancelled by Ben, who took control",
+  );
+});
