@@ -4,8 +4,8 @@
 #   tests/hardware/qemu.sh SCRIPT [QEMU-ARGUMENT...]
 #
 # The share is the guest's /mnt/host. Ports 8080 and 8081 of the guest appear on 127.0.0.1:18080 and 18081. The guest's
-# console goes to standard output. Killed after ${LIMIT:-900} seconds, for one that hangs; a kernel
-# that crashes ends it at once.
+# console goes to standard output. Killed after ${LIMIT:-900} seconds, for one that hangs; a kernel that crashes ends it at
+# once.
 set -euo pipefail
 work=$(cd "$(dirname "$0")/../.." && pwd)/target/hardware
 script=$1
