@@ -306,8 +306,14 @@ try {
   assert.doesNotMatch(await field.inputValue(), /\s/);
   const stopped = ana.page.locator(".axis .tag.bad", { hasText: "the focus axis was stopped" });
   await stopped.waitFor();
+  // Whoever is at the keyboard is led to the reset, and back to where it was stopped.
+  await ana.page.locator("#reset:focus").waitFor();
   await resetStop(ana.page, "the way is clear");
   await stopped.waitFor({ state: "detached" });
+  await until(
+    () => field.evaluate((it) => it === document.activeElement),
+    "the field has not the focus again",
+  );
 
   step("after a reload the charts show what the axes did before");
   await ana.page.reload();

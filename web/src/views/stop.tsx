@@ -28,6 +28,7 @@ export function Stop({ state, update, newest }: Given) {
 /** That the bench is stopped, or that it could not be, and who reset it last. */
 export function StopNotices(given: Given) {
   const { state, update, newest, now } = given;
+  useFocusKept(state.bench?.stop.latched ?? false);
   // What may have changed since is no news.
   const reset = state.link === "open" ? newsOfReset(state, now) : null;
   return (
@@ -73,6 +74,22 @@ export function StopNotices(given: Given) {
   );
 }
 
+/** A stop takes the focus from a field, which is dead until the reset, and the reset from the question why. Whoever is at the
+ *  keyboard is led to the one, and then back to the field. */
+function useFocusKept(latched: boolean) {
+  const [held] = useState<{ latched: boolean; by: Element | null }>({ latched: false, by: null });
+  // Before what is drawn now takes it.
+  if (latched && !held.latched) held.by = document.activeElement;
+  held.latched = latched;
+  useEffect(() => {
+    if (document.activeElement !== document.body) return;
+    const field = held.by instanceof HTMLInputElement && held.by.isConnected ? held.by : null;
+    if (latched && field) document.getElementById("reset")?.focus({ preventScroll: true });
+    else if (held.by && !latched)
+      (field ?? document.getElementById("content"))?.focus({ preventScroll: true });
+  }, [latched]);
+}
+
 /** Since when the bench is stopped and by whom; and the question why it may move again. */
 function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) {
   const [asking, ask] = useState(false);
@@ -90,8 +107,6 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
       // Whoever has reset it needs no telling.
       if (answer.ok) update({ resetSeen: answer.value.reset?.at ?? null });
       ask(false);
-      // What had the focus goes with the stop: whoever is at the keyboard goes on from the page's own content.
-      document.getElementById("content")?.focus({ preventScroll: true });
     }
   };
   return (
