@@ -215,14 +215,28 @@ try {
   assert.match(file, /salinity_permille = 35/);
   assert.doesNotMatch(file, /pitch_mm/);
 
-  step("set back, it is the camera in force");
-  await page.locator("#back").click();
-  await page.waitForFunction(
-    () => document.querySelector(".figures td[data-state=joint]")?.firstChild?.textContent === "+2.205 mm",
-  );
-  // What was saved is in the file all the same.
+  step("what waits for the daemon's next start is what is edited, and can be set back to what is in force");
+  await page.locator("#save-more", { hasText: "Nothing differs" }).waitFor();
+  assert(await page.locator("#back").isDisabled());
+  await page.reload();
+  await holds(page.getByLabel("Outer radius"), "70");
+  await holds(page.getByLabel("Salinity"), "35");
+  assert.equal(await page.locator(".draft-field[data-changed=true]").count(), 0);
   const waiting = page.locator(".save .notice", { hasText: "Waiting for the daemon's next start" });
   await waiting.filter({ hasText: "shell.outer_radius_mm" }).waitFor();
+  await page.getByLabel("Inner radius").fill("53");
+  await page.locator("#save:enabled").click();
+  await until(() => /inner_radius_mm = 53/.test(readFileSync(place.file, "utf8")), "it is not saved");
+  await page.getByLabel("Inner radius").fill("51");
+  await page.locator("#save:enabled").click();
+  await until(() => /inner_radius_mm = 51/.test(readFileSync(place.file, "utf8")), "it is not set back");
+  await page.getByLabel("Outer radius").fill("69");
+  await page.locator("#back").click();
+  await holds(page.getByLabel("Outer radius"), "70");
+  await page.getByRole("button", { name: "the camera in force" }).click();
+  const inForce = figure("Δv", "joint").first().locator(".other");
+  await until(async () => (await inForce.innerText()) === "+2.205 mm", "the camera in force is another");
+  await page.getByRole("button", { name: "nothing", exact: true }).click();
 
   step("what is wrong in the configuration is shown, whatever is looked for");
   await open(page, "Settings");
@@ -244,6 +258,8 @@ try {
   const before = await other.locator("#plan").textContent();
   await page.getByLabel("Blur still sharp").fill("0.04");
   await page.locator(".draft-field[data-changed=true]").waitFor();
+  const drafted = await deltaV.innerText();
+  assert.match(drafted, /^\+2\.338 mm$/, "it is not of the shell that waits for the daemon's next start");
   daemon.process.kill("SIGKILL");
   await daemon.ended;
   await page.locator(".link[data-link=lost]").waitFor();
@@ -252,7 +268,7 @@ try {
   await open(page, "Design");
   await page.locator(".draft .tag.old", { hasText: /^OLD · / }).waitFor();
   await page.locator(".outcome-column[data-stale=true] .tag.old").waitFor();
-  assert.match(await deltaV.innerText(), /^\+2\.205 mm$/);
+  assert.equal(await deltaV.innerText(), drafted);
   await holds(page.getByLabel("Blur still sharp"), "0.04");
   await photograph(page, "design-lost");
   daemon = start(place, new URL(address).host);

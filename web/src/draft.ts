@@ -88,7 +88,28 @@ export function difference(from: JsonObject, to: JsonObject): Sections {
   return sections;
 }
 
-/** A configuration with the keys of a draft that differ from what is in force. */
+/** The configuration's file, as it was when this page read it. */
+export interface ConfigFile {
+  /** Null where there is none, or none that can be read. */
+  stored: JsonObject | null;
+  etag: string | null;
+  /** Keys that take effect when the daemon starts again. */
+  waiting: string[];
+}
+
+/** The camera that is edited: the one in force, with what waits in the file for the daemon's next start. */
+export function awaited(inForce: JsonObject, file: ConfigFile | null): JsonObject {
+  let next = inForce;
+  for (const path of file?.waiting ?? []) {
+    const [section = ""] = path.split(".");
+    const of = section === "water" ? section : path;
+    const value = valueAt(file?.stored ?? undefined, of);
+    if (section in inForce && value !== undefined) next = withValue(next, of, value);
+  }
+  return next;
+}
+
+/** A configuration with the keys of a draft that differ from what is edited. */
 export function laidOver(config: JsonObject, sections: Sections): JsonObject {
   let next = config;
   for (const [section, keys] of Object.entries(sections)) {
@@ -122,7 +143,7 @@ export function count(sections: Sections): number {
   return Object.values(sections).reduce((sum, keys) => sum + Object.keys(keys).length, 0);
 }
 
-/** Whether a value differs from what is in force. */
+/** Whether a draft has another value. */
 export function isChanged(from: JsonObject, to: JsonObject, path: string): boolean {
   return !same(valueAt(from, path), valueAt(to, path));
 }

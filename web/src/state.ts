@@ -3,6 +3,7 @@
 import { ahead, aheadOfWall, clockAfter, monotonicOf, unknown, type Clock } from "./clock";
 import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
 import type { JsonObject } from "./config-schema";
+import type { ConfigFile } from "./draft";
 import type { Draft } from "./job-kinds";
 import type { ControlLost } from "./lease";
 import { routeOf, type Route } from "./route";
@@ -100,6 +101,8 @@ export interface State {
   draftedCamera: { draft: JsonObject; over: JsonObject } | null;
   /** What cameras come to, as the daemon said last: those in force and of the paper, and what is edited as far as it could be. */
   cameras: { inForce: CameraDraft | null; preset: CameraDraft | null; shown: CameraDraft | null };
+  /** The file that the camera is saved into, as far as this page knows it. */
+  configFile: ConfigFile | null;
   /** When the newest reset was that has been read and dismissed. */
   resetSeen: string | null;
   /** What became of a stop that this page sent, axis by axis, until it is reset. */
@@ -156,6 +159,7 @@ export const initial: State = {
   drafted: null,
   draftedCamera: null,
   cameras: { inForce: null, preset: null, shown: null },
+  configFile: null,
   resetSeen: null,
   stopSent: null,
   route: routeOf(""),

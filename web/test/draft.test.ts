@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import type { JsonObject } from "../src/config-schema";
-import { count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/draft";
+import { awaited, count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/draft";
 import { Newest } from "../src/newest";
 import { barLength, boxOf, fitted, hemisphere, trainOf } from "../src/optical-train";
 import { waterBy, waterSaid } from "../src/water";
@@ -46,6 +46,25 @@ describe("a draft", () => {
       water: { temperature_c: 20 },
       bench: { e: 1 },
     });
+  });
+
+  it("begins from what waits in the file for the daemon's next start", () => {
+    const stored = {
+      ...base,
+      shell: { outer_radius_mm: 70, inner_radius_mm: 52 },
+      water: { temperature_c: 20 },
+      bench: { e: 1 },
+    };
+    const file = {
+      stored,
+      etag: '"1"',
+      waiting: ["shell.outer_radius_mm", "water.temperature_c", "bench.e"],
+    };
+    // The inner radius differs for another reason: the command line has set it.
+    const shell = { outer_radius_mm: 70, inner_radius_mm: 51 };
+    expect(awaited(base, file)).toEqual({ ...base, shell, water: { temperature_c: 20 } });
+    expect(awaited(base, { stored: null, etag: null, waiting: [] })).toBe(base);
+    expect(awaited(base, null)).toBe(base);
   });
 
   it("goes on over another configuration, which nothing but its own changes differs from", () => {

@@ -73,8 +73,8 @@ export const design: typeof en.design = {
     joint: "Δv und e",
   },
   compare: "Vergleichen mit",
-  comparison: { nothing: "nichts", in_force: "Konfiguration", preset: "Beispiel des Aufsatzes" },
-  compared: { in_force: "Konfiguration", preset: "Beispiel des Aufsatzes" },
+  comparison: { nothing: "nichts", in_force: "geltende Kamera", preset: "Beispiel des Aufsatzes" },
+  compared: { in_force: "Geltend", preset: "Beispiel des Aufsatzes" },
   yours: "Dieser Entwurf",
   figures: "Ergebnis",
   figure: {
@@ -147,7 +147,7 @@ export const design: typeof en.design = {
   saved: (keys) => `Geschrieben: ${keys}. Gilt, sobald der Dienst neu gestartet ist.`,
   savedNothing: "In der Datei steht es schon so.",
   blocked: {
-    nothing: "Nichts weicht von der gültigen Konfiguration ab.",
+    nothing: "Nichts weicht von der Konfiguration ab.",
     admin: "Die Konfiguration ist nur mit Administratorrechten änderbar.",
     file: "Der Dienst wurde ohne Konfigurationsdatei gestartet.",
     link: "Die Verbindung ist unterbrochen.",

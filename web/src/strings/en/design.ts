@@ -76,8 +76,8 @@ export const design = {
     joint: "Δv and e",
   } satisfies Record<DraftStateName, string>,
   compare: "Compare with",
-  comparison: { nothing: "nothing", in_force: "the configuration", preset: "the paper’s preset" },
-  compared: { in_force: "Configuration", preset: "Paper’s preset" },
+  comparison: { nothing: "nothing", in_force: "the camera in force", preset: "the paper’s preset" },
+  compared: { in_force: "In force", preset: "Paper’s preset" },
   yours: "This draft",
   figures: "What it comes to",
   figure: {
@@ -151,7 +151,7 @@ export const design = {
   saved: (keys: string) => `Written: ${keys}. Start the daemon again for it to take effect.`,
   savedNothing: "The file says so already.",
   blocked: {
-    nothing: "Nothing differs from the configuration in force.",
+    nothing: "Nothing differs from the configuration.",
     admin: "Only an administrator can change the configuration.",
     file: "The daemon was started without a configuration file.",
     link: "The connection is lost.",

@@ -1,7 +1,7 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 import * as api from "../../api";
 import type { JsonObject } from "../../config-schema";
-import { count, difference, rebased } from "../../draft";
+import { awaited, count, difference, rebased } from "../../draft";
 import type { State } from "../../state";
 import { strings } from "../../strings";
 import { Newest } from "../../newest";
@@ -28,6 +28,7 @@ type Comparison = (typeof COMPARISONS)[number];
 export function DesignPage(given: Given) {
   const { state, newest: stateNow, update, load } = given;
   const [{ inForce, preset, shown }, setCameras] = useKept(given, "cameras");
+  const [file, setFile] = useKept(given, "configFile");
   const [drafted, setDrafted] = useKept(given, "draftedCamera");
   const [faults, setFaults] = useState<ConfigFault[] | null>(null);
   const [working, setWorking] = useState(false);
@@ -35,11 +36,18 @@ export function DesignPage(given: Given) {
   const [newest] = useState(() => new Newest());
   const connected = state.link === "open";
 
-  const base = inForce?.config as JsonObject | undefined;
+  const configured = inForce?.config as JsonObject | undefined;
+  const base = useMemo(() => configured && awaited(configured, file), [configured, file]);
   const edited = drafted?.draft ?? base;
   const learn = (part: Partial<State["cameras"]>) => {
     // What was on its way when somebody signed out is not for the next one.
     if (stateNow().session !== "stranger") setCameras({ ...stateNow().cameras, ...part });
+  };
+  const read = async () => {
+    const result = await api.config();
+    if (!result.ok || stateNow().session === "stranger") return;
+    const { stored, restart_required: waiting } = result.value;
+    setFile({ stored: (stored ?? null) as JsonObject | null, etag: result.etag ?? null, waiting });
   };
   useEffect(() => {
     if (!connected) return;
@@ -50,22 +58,24 @@ export function DesignPage(given: Given) {
           return result;
         }),
       );
-    void ask("in_force", (draft) => {
-      const now = draft.config as JsonObject;
-      // What has been edited stays so, over what is in force by now; the rest goes with it.
-      const kept = stateNow().draftedCamera;
-      if (kept) setDrafted({ draft: rebased(kept.draft, kept.over, now), over: now });
-      learn({ inForce: draft, shown: stateNow().cameras.shown ?? draft });
-    });
+    void ask("in_force", (draft) => learn({ inForce: draft, shown: stateNow().cameras.shown ?? draft }));
     void ask("preset", (draft) => learn({ preset: draft }));
+    void read();
   }, [state.bootId, connected]);
+  useEffect(() => {
+    // What has been edited stays so, over what the file holds by now; the rest goes with it.
+    const kept = stateNow().draftedCamera;
+    if (kept && base) setDrafted({ draft: rebased(kept.draft, kept.over, base), over: base });
+  }, [base]);
 
   const changes = base && edited ? difference(base, edited) : {};
+  // What is worked out begins from the camera in force, as the daemon does.
+  const asked = configured && edited ? difference(configured, edited) : {};
   useEffect(() => {
     setWorking(connected);
     if (!edited || !base || !connected) return undefined;
     const timer = setTimeout(() => {
-      void newest.of(api.draftDesign("in_force", changes)).then((result) => {
+      void newest.of(api.draftDesign("in_force", asked)).then((result) => {
         if (result === null) return;
         setWorking(false);
         if (result.ok) {
@@ -121,7 +131,15 @@ export function DesignPage(given: Given) {
               {strings.design.reset}
             </button>
           </p>
-          <Save {...given} changes={changes} wrong={wrong} working={working} obstacles={shown.obstacles} />
+          <Save
+            {...given}
+            file={file}
+            read={read}
+            changes={changes}
+            wrong={wrong}
+            working={working}
+            obstacles={shown.obstacles}
+          />
         </section>
         <Summary draft={shown} unit={unit} wrong={wrong} stale={stale} results={RESULTS} />
       </div>

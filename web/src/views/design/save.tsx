@@ -1,7 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
-import type { JsonObject } from "../../config-schema";
-import { count, laidOver } from "../../draft";
+import { count, laidOver, type ConfigFile } from "../../draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import { reworded } from "../../units";
@@ -10,43 +9,30 @@ import type { ConfigFault, ConfigWritten } from "../../wire";
 import type { Given } from "../given";
 
 interface Props extends Given {
+  /** Null until it has been read. */
+  file: ConfigFile | null;
+  /** Reads it again. */
+  read: () => Promise<void>;
   changes: Sections;
   wrong: boolean;
   working: boolean;
   obstacles: ConfigFault[];
 }
 
-/** The file as it was when this page read it. */
-interface Read {
-  stored: JsonObject | null;
-  etag: string | null;
-  /** What is in it and waits for the daemon's next start. */
-  waiting: string[];
-}
-
 /** Writes the draft into the configuration's file, or says why it cannot be. */
-export function Save({ state, act, changes, wrong, working, obstacles }: Props) {
-  const [read, setRead] = useState<Read | null>(null);
+export function Save({ state, act, file, read, changes, wrong, working, obstacles }: Props) {
   const [written, setWritten] = useState<ConfigWritten | null>(null);
-  const load = async () => {
-    const result = await api.config();
-    if (result.ok)
-      setRead({
-        stored: (result.value.stored ?? null) as JsonObject | null,
-        etag: result.etag ?? null,
-        waiting: result.value.restart_required,
-      });
-  };
-  useEffect(() => void load(), [state.bootId]);
-  useEffect(() => setWritten(null), [JSON.stringify(changes)]);
+  const nothing = count(changes) === 0;
+  useEffect(() => {
+    if (!nothing) setWritten(null);
+  }, [JSON.stringify(changes)]);
 
   const words = strings.design;
-  const nothing = count(changes) === 0;
   const because = !may(state, "admin")
     ? words.blocked.admin
     : state.link !== "open"
       ? words.blocked.link
-      : read?.stored === null
+      : file?.stored === null
         ? words.blocked.file
         : nothing
           ? words.blocked.nothing
@@ -60,15 +46,15 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
                   ? words.blocked.job
                   : null;
   const save = async () => {
-    if (!read?.stored || read.etag === null) return;
+    if (!file?.stored || file.etag === null) return;
     await act(
-      api.writeConfig(laidOver(read.stored, changes), read.etag).then((result) => {
+      api.writeConfig(laidOver(file.stored, changes), file.etag).then((result) => {
         if (result.ok) setWritten(result.value);
         return result;
       }),
     );
     // Also where the file had been changed by somebody else: the next attempt is on what it says now.
-    await load();
+    await read();
   };
   return (
     <div class="save">
@@ -76,7 +62,7 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
         type="button"
         id="save"
         class="primary"
-        disabled={because !== null || read === null}
+        disabled={because !== null || file === null}
         aria-describedby="save-more"
         onClick={() => void save()}
       >
@@ -91,8 +77,8 @@ export function Save({ state, act, changes, wrong, working, obstacles }: Props) 
             <b>{obstacle.key}</b> <span lang="en">{reworded(obstacle.message, state.preferences.unit)}</span>
           </p>
         ))}
-      {written === null && read !== null && read.waiting.length > 0 && (
-        <p class="notice">{strings.settings.restart(read.waiting.join(", "))}</p>
+      {written === null && file !== null && file.waiting.length > 0 && (
+        <p class="notice">{strings.settings.restart(file.waiting.join(", "))}</p>
       )}
       {written && (
         <p class="notice" role="status">
