@@ -41,8 +41,8 @@ const SMEARED_SIGMAS: f64 = 4.0;
 const LIT: [f32; 2] = [0.1, 0.9];
 const LEAST_LIT: f64 = 0.01;
 /// What is said of a frame that has the very picture of one before it.
-pub(super) const OLD_PICTURE: &str = "two frames are the same to the last pixel: it gives an old picture again as if it \
-                                      were new; unplug it and plug it in again";
+pub(super) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
+                                      as if it were new; unplug it and plug it in again";
 
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]

@@ -92,9 +92,9 @@ impl From<LiveError> for NoReading {
             | LiveError::Grid(GridError::DoesNotFit { .. } | GridError::NoLattice { .. })
             | LiveError::GridMoved { .. }
             | LiveError::GridNotSeen { .. }
-            | LiveError::NoStart
             | LiveError::WhiteMisfit(_)
             | LiveError::Lost { .. } => Self::Lost(why),
+            LiveError::NoStart => Self::Lost(SEARCHING.to_owned()),
             LiveError::Spacing(_) | LiveError::Grid(_) | LiveError::Vignetting(_) => Self::Refused(why),
         }
     }

@@ -59,7 +59,7 @@ pub enum VignettingError {
     },
     /// The whole picture is blurred, and was not in the white frame.
     #[error(
-        "the picture is blurred as a whole: of its micro-images {:.0} % of the radius is usable that is in the white frame, and their light is the same; see to what is between array and sensor, then take the white frame anew",
+        "the picture is blurred as a whole, or torn: of its micro-images {:.0} % of the radius is usable that is in the white frame, and their light is the same; look at it: where it is torn, see to the camera's cable and bandwidth, else to what is between array and sensor, then take the white frame anew",
         100.0 * radius
     )]
     Blurred {
