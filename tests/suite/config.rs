@@ -427,7 +427,10 @@ fn a_server_that_could_let_in_the_wrong_ones_or_nobody_is_refused() {
 fn all_faults_are_told_at_once_in_the_order_of_the_file() {
     let found = faults("[shell]\ninner_radius_mm = 60\n[mla]\npitch_mm = 0\nangular_resolution = 0.5\n");
     assert_eq!(found.len(), 3, "{found:?}");
-    assert!(found[0].starts_with("2:19 shell.inner_radius_mm: 60 is not less than outer_radius_mm, 59"), "{found:?}");
+    assert!(
+        found[0].starts_with("2:19 shell.inner_radius_mm: 60 mm is not less than outer_radius_mm, 59 mm"),
+        "{found:?}"
+    );
     assert!(
         found[1].starts_with("4:12 mla.pitch_mm") && found[2].starts_with("5:22 mla.angular_resolution"),
         "{found:?}"
@@ -497,14 +500,17 @@ fn opened(text: &str, set: &[&str]) -> Result<Config, plenalign::config::ConfigE
 fn what_is_in_force_is_checked_and_not_the_file_alone() {
     let text = "[assembly]\ninitial_e_mm = 40\n";
     assert!(
-        opened(text, &[]).unwrap_err().to_string().contains("line 2, column 16: assembly.initial_e_mm: 40 is beyond")
+        opened(text, &[])
+            .unwrap_err()
+            .to_string()
+            .contains("line 2, column 16: assembly.initial_e_mm: 40 mm is beyond")
     );
     let config = opened(text, &["bench.e.high_limit_mm=80"]).unwrap();
     assert_eq!((config.assembly.initial_e_mm, config.bench.e.high_limit_mm), (40.0, 80.0));
     // What is wrong says where it came from.
     let still = opened(text, &["bench.e.high_limit_mm=35"]).unwrap_err().to_string();
     assert!(
-        still.contains("line 2, column 16: assembly.initial_e_mm: 40 is beyond") && still.contains("to 35"),
+        still.contains("line 2, column 16: assembly.initial_e_mm: 40 mm is beyond") && still.contains("to 35"),
         "{still}"
     );
     let set = opened("[mla]\npitch_mm = 0.1\n", &["mla.pitch_mm=-1"]).unwrap_err();

@@ -113,7 +113,7 @@ fn a_bad_configuration_is_one_line_on_standard_error() {
     assert!(!output.status.success() && output.stdout.is_empty(), "{output:?}");
     let text = String::from_utf8(output.stderr).unwrap();
     assert_eq!(text.lines().count(), 1, "{text}");
-    assert!(text.contains("line 2, column 19: shell.inner_radius_mm: 70 is not less than"), "{text}");
+    assert!(text.contains("line 2, column 19: shell.inner_radius_mm: 70 mm is not less than"), "{text}");
     let missing = plenalign(&["design", "--config", "/nonexistent.toml"]);
     assert!(!missing.status.success() && String::from_utf8(missing.stderr).unwrap().contains("/nonexistent.toml"));
 }

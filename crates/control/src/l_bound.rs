@@ -70,13 +70,16 @@ impl Alignment<'_> {
             l_bound_mm
         );
         self.note(note);
-        let instruction = "Take the shell off and the tank away; the e axis is homed again.".to_owned();
+        // A controller that can switch off all of its motors only has lost the other axis, too.
+        let focus_homed = self.context.unless_cancelled(self.motion.read_state(AxisName::Focus)).await?.homed;
+        let homed_again = if focus_homed { "the e axis is" } else { "the focus axis and the e axis are" };
+        let instruction = format!("Take the shell off and the tank away; {homed_again} homed again.");
         self.ask("shell_off", instruction, None, Setup::ShellOff).await?;
         self.motion.set_shell(ShellState::Off);
         self.context.doing("homing after the move by hand");
         for axis in AxisName::ALL {
-            // A controller that can switch off all of its motors only has lost the other axis, too.
             if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
+                self.context.log(format!("the {axis} axis lost its place while its motor was off: it is homed"));
                 self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
             }
         }

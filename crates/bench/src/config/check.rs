@@ -195,7 +195,7 @@ impl Config {
             "shell.inner_radius_mm",
             || {
                 format!(
-                    "{} is not less than outer_radius_mm, {}: the shell would have no thickness",
+                    "{} mm is not less than outer_radius_mm, {} mm: the shell would have no thickness",
                     shell.inner_radius_mm, shell.outer_radius_mm
                 )
             },
@@ -271,13 +271,13 @@ impl Config {
         let travel = format!("the e axis's travel of {low} to {high} mm (bench.e)");
         let (l_bound, wall) = (assembly.l_bound_mm, assembly.e_wall_mm(assembly.l_bound_mm));
         if !(low..=high).contains(&l_bound) {
-            faults.add("assembly.l_bound_mm", format!("{l_bound} is beyond {travel}"));
+            faults.add("assembly.l_bound_mm", format!("{l_bound} mm is beyond {travel}"));
         } else if wall < low {
             faults.add(
                 "assembly.l_bound_mm",
                 format!(
                     "puts the e wall (l_bound_mm less e_tolerance_mm, or less 0.1, or less clearance_mm where that is \
-                     less) at {wall}, beyond {travel}"
+                     less) at {wall} mm, beyond {travel}"
                 ),
             );
         } else if CameraDesign::fov_optimal_e(l_bound) > high {
@@ -285,11 +285,11 @@ impl Config {
         }
         let initial = assembly.initial_e_mm;
         if !(low..=high).contains(&initial) {
-            faults.add("assembly.initial_e_mm", format!("{initial} is beyond {travel}"));
+            faults.add("assembly.initial_e_mm", format!("{initial} mm is beyond {travel}"));
         } else if assembly.l_bound == LBoundSource::Configured && l_bound <= high && initial < l_bound {
             faults.add(
                 "assembly.initial_e_mm",
-                format!("{initial} is less than l_bound_mm, {l_bound}: the lens would be too near the shell"),
+                format!("{initial} mm is less than l_bound_mm, {l_bound} mm: the lens would be too near the shell"),
             );
         }
     }

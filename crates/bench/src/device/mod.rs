@@ -17,6 +17,7 @@ pub mod replayed;
 pub mod serial;
 pub mod stage;
 
+use std::fmt;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -199,6 +200,16 @@ pub enum StopDelivery {
     Sent,
     /// The stop could not be sent.
     Undeliverable,
+}
+
+impl fmt::Display for StopDelivery {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Confirmed => "confirmed",
+            Self::Sent => "sent, not confirmed",
+            Self::Undeliverable => "not delivered",
+        })
+    }
 }
 
 /// One motorised axis. Every method may be called from any task; commands are carried out one after another by the
