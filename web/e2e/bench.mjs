@@ -413,6 +413,7 @@ try {
   await ana.page.locator("#stop").click();
   await ana.page.locator(".stop-failed", { hasText: "STOP WAS NOT DELIVERED" }).waitFor({ timeout: LOST_MS });
   await open(ana.page, "Live");
+  await until(async () => /^CONNECTION LOST/.test(await ana.page.title()), "the title does not say it");
   await photograph(ana.page, "frozen");
   daemon.process.kill("SIGCONT");
   await ana.page.locator(".link").waitFor({ state: "detached", timeout: 20_000 });

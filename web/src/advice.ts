@@ -30,9 +30,10 @@ export function advice(
 ): Advice {
   const words = strings.meter;
   if (reading.direction === "there")
-    return { main: words.thereMore(fixed(reading.tolerancePx, 3)), other: null };
+    return { main: words.thereMore(fixed(reading.tolerancePx, 4)), other: null };
   if (reading.direction === "levels") return { main: words.levelsMore, other: null };
   if (reading.direction === "elsewhere") return { main: words.elsewhereMore, other: null };
+  if (reading.direction === "unasked") return { main: words.unaskedMore, other: null };
   if (reading.direction === "unsaid") return { main: words.unsaidMore, other: null };
   if (reading.direction === "doubted") return { main: words.doubtedMore(reading.unresolved), other: null };
   if (reading.twoBoards) {

@@ -6,10 +6,20 @@ import type { Combined, FrameReading, Measurement, TwoBoards } from "./wire";
 
 /** Which way Δv or e has to go: a larger one makes the spacing smaller. "There" is where a job would accept it; "unsure" is
  *  where it cannot be told from the target, and not well enough known to be accepted; of two boards, of what may be two
- *  ("doubted"), or of a board of several levels, the spacing is none's; that of a board "elsewhere" has another target; and
- *  "unsaid" is whether the shell is on, and so which target it has. */
+ *  ("doubted"), or of a board of several levels, the spacing is none's; that of a board "elsewhere" has another target;
+ *  of one that is "unasked" for it is not known where it stands; and "unsaid" is whether the shell is on, and so which target it
+ *  has. */
 export type Direction =
-  "larger" | "smaller" | "there" | "unsure" | "two_boards" | "doubted" | "levels" | "elsewhere" | "unsaid";
+  | "larger"
+  | "smaller"
+  | "there"
+  | "unsure"
+  | "two_boards"
+  | "doubted"
+  | "levels"
+  | "elsewhere"
+  | "unasked"
+  | "unsaid";
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */
@@ -142,7 +152,7 @@ function told(measurement: Measurement | null, doubted: boolean, { otherwise }: 
 /** Whether a reading is the spacing of one board that it can be compared for, as far as is known: of no other anything is
  *  ordered. */
 export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
-  return !["two_boards", "doubted", "levels", "elsewhere", "unsaid"].includes(direction);
+  return !["two_boards", "doubted", "levels", "elsewhere", "unasked", "unsaid"].includes(direction);
 }
 
 /** Whether a reading is called in focus: within the blur limit, and where nothing is to be moved. */

@@ -29,14 +29,16 @@ export interface Scene {
   /** Whether a job would set Δv, in air, and not e through the shell. */
   inAir: boolean;
   /** Why its spacing is not to be compared with the target, where it is not: of a board of several levels that of the whole
-   *  field is of none of them, one that stands elsewhere than where the camera is to be focused has another target, and while
-   *  nobody has said whether the shell is on, it is not known which target it has. */
-  otherwise: "levels" | "elsewhere" | "unsaid" | null;
+   *  field is of none of them, one that stands elsewhere than where the camera is to be focused has another target, of one that
+   *  nobody has asked for it is not known where it stands, and while nobody has said whether the shell is on, which target it
+   *  has. */
+  otherwise: "levels" | "elsewhere" | "unasked" | "unsaid" | null;
 }
 
 export function sceneOf(bench: Bench | null): Scene {
   const inAir = bench?.shell !== "on";
   if (bench?.in_view === "stepped_board") return { inAir, otherwise: "levels" };
   if (bench?.in_view === "board_elsewhere") return { inAir, otherwise: "elsewhere" };
+  if (bench?.in_view === "other") return { inAir, otherwise: "unasked" };
   return { inAir, otherwise: bench?.shell === "unknown" ? "unsaid" : null };
 }

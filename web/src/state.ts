@@ -216,7 +216,8 @@ function received(state: State, message: ServerMessage, now: number): State {
         bootId: message.boot_id,
         version: message.version,
         bench: message.bench,
-        stopSent: withStop(state, message.bench),
+        // What another run's axes made of it is not known of this one's.
+        stopSent: [null, message.boot_id].includes(state.bootId) ? withStop(state, message.bench) : null,
         ...withOutage(state, message.bench, true),
         jobs: message.jobs,
         ...withSnapshot(message.measurement ?? null, sceneOf(message.bench), heard.clock, now),
@@ -392,6 +393,9 @@ function withJob(jobs: Job[], job: Job): Job[] {
   return jobs.map((other, index) => (index === at ? job : other));
 }
 
+/** What the daemon says of a frame that no picture can be made of. */
+const NOT_VIEWABLE = "urn:plenalign:problem:not-viewable";
+
 /** The state with a picture that the daemon sent at `sentAt` of this page's clock. */
 export function receivePicture(state: State, picture: PictureFacts, sentAt: number, now: number): State {
   const { picture: before, pictureAt } = state;
@@ -401,7 +405,9 @@ export function receivePicture(state: State, picture: PictureFacts, sentAt: numb
   // The age that one has when the next takes its place.
   const usualMs = picture.show === "raw" ? 0 : picture.ageMs + sinceMs;
   const pictureOldMs = Math.max(STALE_MS, Math.min(OLDEST_MS, LATE * usualMs));
-  return { ...state, heardAt: now, picture, pictureAt: sentAt, pictureOldMs };
+  // There is one again: that of an earlier frame none could be made is over.
+  const problem = state.problem?.type === NOT_VIEWABLE ? null : state.problem;
+  return { ...state, heardAt: now, picture, pictureAt: sentAt, pictureOldMs, problem };
 }
 
 /** Age of the picture shown, ms. */

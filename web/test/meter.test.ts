@@ -188,6 +188,15 @@ describe("a board of several levels in view", () => {
     const { reading: one, best: neither } = receiveReading(unsaid, frameReading(19.725, at), at);
     expect([one?.direction, one?.inFocus, neither]).toEqual(["unsaid", false, null]);
     expect(advice(one!, correction(design, one!), "e", "mm").main).toBe(strings.meter.unsaidMore);
+    // Nor by one that no job has asked for: a job may have ended with none.
+    const unasked = {
+      ...state,
+      bench: { ...snapshotBench, in_view: "other" as const, shell: "off" as const },
+      measurement: whole,
+    };
+    const { reading: other, best: nothing } = receiveReading(unasked, frameReading(19.725, at), at);
+    expect([other?.direction, other?.inFocus, nothing]).toEqual(["unasked", false, null]);
+    expect(advice(other!, correction(design, other!), "delta_v", "mm").main).toBe(strings.meter.unaskedMore);
     // Whatever was seen of two boards before: they are its levels.
     const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
     const both = receiveReading(

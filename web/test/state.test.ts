@@ -85,6 +85,18 @@ describe("receive", () => {
     expect(state.seq).toBe(8);
   });
 
+  it("takes back that no picture could be made once there is one, and no other problem", () => {
+    const after = (type: string) =>
+      receivePicture(
+        { ...open(), problem: { type, title: "", status: 409, detail: "" } },
+        picture,
+        2000,
+        2000,
+      ).problem;
+    expect(after("urn:plenalign:problem:not-viewable")).toBeNull();
+    expect(after("urn:plenalign:problem:lease-held")).not.toBeNull();
+  });
+
   it("forgets the picture of another start of the daemon, and takes no change before its snapshot", () => {
     const seen = receivePicture(open(), picture, 2000, 2000);
     const stray = receive(
@@ -402,6 +414,10 @@ describe("the bench anew", () => {
     const latched = receive(before, said({ stop: { latched: true, since: "2026-01-01T00:00:00Z" } }), 6000);
     expect(latched.stopSent).not.toBeNull();
     expect(receive(latched, said({}), 7000).stopSent).toBeNull();
+    // Nor is it known of another run of the daemon, stopped though that may be.
+    const connected = (run: string) => ({ ...snapshot(9, [], run), bench: latched.bench }) as ServerMessage;
+    expect(receive(latched, connected(boot), 7000).stopSent).not.toBeNull();
+    expect(receive(latched, connected("another"), 7000).stopSent).toBeNull();
   });
 
   it("fills the charts with what the daemon knows, before the page was opened and while it was cut off", () => {

@@ -50,13 +50,15 @@ export function App({ state, newest, now, update, enter, leave, makeToken, hande
   };
   const simulated = state.bench?.simulated ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
-  const asking = turnOf(state) === null ? null : jobUnderWay(state);
+  // What may be old calls nobody.
+  const asking = state.link !== "open" || turnOf(state) === null ? null : jobUnderWay(state);
+  const lost = state.link === "lost";
   const turn = asking && (mayConfirm(state, asking) ? "yours" : "operators");
   const { language } = spoken;
   useEffect(() => {
     document.documentElement.lang = language;
-    document.title = strings.windowTitle(where, simulated, turn);
-  }, [simulated, where, turn, language]);
+    document.title = strings.windowTitle(where, simulated, lost ? "lost" : turn);
+  }, [simulated, where, turn, lost, language]);
   if (state.session === "stranger") {
     return (
       <>

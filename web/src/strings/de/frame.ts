@@ -4,8 +4,14 @@ import type * as en from "../en/frame";
 
 export const frame: typeof en.frame = {
   title: "Plenalign",
-  windowTitle: (page, simulated, turn) =>
-    `${turn === null ? "" : turn === "yours" ? "● Sie sind dran · " : "● Die Bedienung ist dran · "}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`,
+  windowTitle: (page, simulated, first) => {
+    const says = {
+      yours: "● Sie sind dran · ",
+      operators: "● Die Bedienung ist dran · ",
+      lost: "VERBINDUNG UNTERBROCHEN · ",
+    };
+    return `${first ? says[first] : ""}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`;
+  },
   simulated: "SIMULIERTER PRÜFSTAND",
   simulatedMore: "Keine Hardware angeschlossen: Jedes Bild und jede Zahl hier ist berechnet.",
   replay: "WIEDERGABE",
@@ -73,7 +79,7 @@ export const stop: typeof en.stop = {
 
 export const signIn: typeof en.signIn = {
   signIn: "Anmelden",
-  more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“. Was an der Bank läuft, läuft unterdessen weiter, und STOP ist von hier nicht zu erreichen: der Not-Halt an der Bank schon.",
+  more: "Dieser Dienst verlangt ein Token: Wer ihn verwaltet, erstellt eines mit „plenalign token create“. Was am Prüfstand läuft, läuft unterdessen weiter, und STOP ist von hier nicht zu erreichen: der Not-Halt am Prüfstand schon.",
   signOut: "Abmelden",
   token: "Token",
   handed:

@@ -41,7 +41,7 @@ export const job: typeof en.job = {
       "Hält e fest und stellt Δv auf Schärfe bei diesem e ein: in Luft, dann Feinabgleich mit Kugelschale.",
     l_bound_measurement: "Misst das kleinste e, das die Fassung der Hauptlinse zulässt (l_bound).",
     focus_sweep:
-      "Misst den Punktabstand in gleichen Schritten einer Achse, die danach an ihren Ort zurückfährt.",
+      "Misst den Punktabstand in gleichen Schritten einer Achse, die danach an ihren Ort zurückfährt; nach einem Abbruch bleibt sie, wo sie ist.",
     spacing_watch: "Misst den Punktabstand über der Zeit, ohne dass etwas fährt: Drift und Streuung.",
     calibration: "Bestimmt d und b aus Tafeln in Luft, ohne dass etwas fährt.",
     homing: "Sucht die Referenzschalter. Vorher sind die Positionen unbekannt.",
@@ -126,7 +126,7 @@ export const job: typeof en.job = {
   noSuchKey: "Darin steht kein Schlüssel: Er besteht aus „confirm_“ und 64 Ziffern und Buchstaben.",
   handOn: "Jemand anderen bestätigen lassen",
   handOnMore:
-    "Wer die Bank bedienen darf und den Link öffnet, bestätigt, was dieser Auftrag verlangt, und kann damit sonst nichts tun. Er endet mit dem Auftrag.",
+    "Wer den Prüfstand bedienen darf und den Link öffnet, bestätigt, was dieser Auftrag verlangt, und kann damit sonst nichts tun. Er endet mit dem Auftrag.",
   link: "Link",
   renewKey: "Neuen erstellen; der bisherige gilt nicht mehr",
   operator: (step) => `Sie sind dran · Nr. ${step}`,

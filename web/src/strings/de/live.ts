@@ -101,6 +101,7 @@ export const meter: typeof en.meter = {
     doubted: "Im Zweifel",
     levels: "Mehrere Stufen im Bild",
     elsewhere: "Tafel nicht im Fokus",
+    unasked: "Welche Tafel?",
     unsaid: "Kugelschale montiert?",
   },
   nearly: {
@@ -115,7 +116,9 @@ export const meter: typeof en.meter = {
   levelsMore:
     "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   elsewhereMore:
-    "Die Tafel steht woanders, als die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
+    "Die Tafel steht nicht dort, worauf die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
+  unaskedMore:
+    "Die Tafel, die dort steht, hat kein Auftrag verlangt, und nach ihr ist nichts zu verstellen: einen Auftrag starten oder, sobald eine im Abstand des Fokus steht, auf der Seite Live bei den Achsen angeben, ob die Kugelschale montiert ist",
   unsaidMore:
     "Niemand hat gesagt, ob die Kugelschale montiert ist, und in Luft gilt ein anderer Sollwert als hinter ihr: auf der Seite Live bei den Achsen angeben",
   unsureMore: "Innerhalb 2 σ, aber für einen Auftrag zu unsicher",
@@ -154,6 +157,7 @@ export const meter: typeof en.meter = {
   ends: { smaller: "zu klein", larger: "zu groß" },
   best: (difference) => `Bestwert ${difference} px`,
   bestMore: (focus, e) => `bei Fokus ${focus}, e ${e}`,
+  bestNowhere: "gemessen, während eine Achse fuhr oder keine eine Stellung hatte",
   bestReset: "Bestwert löschen",
   tilt: (angle) => `Verkippung ${angle}`,
   tiltMore: (where) => `der Punktabstand wächst nach ${where}`,
@@ -161,6 +165,7 @@ export const meter: typeof en.meter = {
   tiltUntold: "Verkippung nicht angebbar",
   tiltUntoldMore: "vor der Hauptlinse stehen eine Stufentafel, zwei Tafeln oder keine",
   tiltUnknown: "was vor der Hauptlinse steht, ist nicht bekannt",
+  tiltUnsaid: "ob die Kugelschale montiert ist, ist nicht bekannt",
   below: (angle) => `unter ${angle}`,
   tiltCaution: "zwischen Hauptlinse und MLA, wenn Tafel und Kugelschale rechtwinklig stehen",
   octant: {

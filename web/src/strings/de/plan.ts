@@ -15,5 +15,5 @@ export const plan: typeof en.plan = {
     `Erwartete Unsicherheit: ${spacing}, das sind ${deltaV} bei Δv und ${e} bei e, nach Bild und Achsen allein:`,
   byBudget: (deltaV, e) => `Mit allem, was vorausgesetzt wird, ist Δv auf ${deltaV} bekannt und e auf ${e}.`,
   heldOff: (more) =>
-    `e bleibt ${more} weiter von der Kugelschale weg als gewünscht: Drei dieser Unsicherheiten liegen zwischen dem Objektiv und der Stelle, an der es sie berührt.`,
+    `e bleibt ${more} weiter von der Kugelschale weg als gewünscht: Drei dieser Unsicherheiten liegen zwischen der Hauptlinse und der Stelle, an der sie die Kugelschale berührt.`,
 };

@@ -27,7 +27,7 @@ export const steps: typeof en.steps = {
     repeated: "unten erneut verlangt: zählt nicht mehr",
   },
   ended: { now: "nicht fertig", next: "nicht erreicht" },
-  you: (text) => `Bediener ${text}`,
+  you: (text) => `Bedienung ${text}`,
   bench: (text) => `Prüfstand ${text}`,
   repeats: (number) => `Schritt ${number} noch einmal`,
   numbered: (number) => `Nr. ${number}`,
@@ -46,7 +46,7 @@ export const setUp: typeof en.setUp = {
   diffuser: "Streuscheibe",
   water: "Wasser",
   drawing: {
-    diffuser: () => "Eine Streuscheibe auf dem Objektiv, von vorn gleichmäßig beleuchtet",
+    diffuser: () => "Eine Streuscheibe auf der Hauptlinse, von vorn gleichmäßig beleuchtet",
     boards_in_air: (at, levels) =>
       levels > 1
         ? `In Luft, die Stufen der Tafel ${at} vom Hauptpunkt der Hauptlinse`

@@ -5,8 +5,14 @@ import type { Scope } from "../../wire";
 
 export const frame = {
   title: "Plenalign",
-  windowTitle: (page: string, simulated: boolean, turn: "yours" | "operators" | null) =>
-    `${turn === null ? "" : turn === "yours" ? "● Your turn · " : "● The operator’s turn · "}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`,
+  windowTitle: (page: string, simulated: boolean, first: "yours" | "operators" | "lost" | null) => {
+    const says = {
+      yours: "● Your turn · ",
+      operators: "● The operator’s turn · ",
+      lost: "CONNECTION LOST · ",
+    };
+    return `${first ? says[first] : ""}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`;
+  },
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   replay: "REPLAY",

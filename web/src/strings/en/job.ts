@@ -38,7 +38,8 @@ export const job = {
     clarity_only:
       "Holds e, and brings Δv to what is sharp at that e: in air, then trimmed with the shell on.",
     l_bound_measurement: "Measures the least e that the lens’s barrel allows (l_bound).",
-    focus_sweep: "Measures the spacing at equal steps of one axis, which then goes back where it was.",
+    focus_sweep:
+      "Measures the spacing at equal steps of one axis, which then goes back where it was; cancelled, it stays where it is.",
     spacing_watch: "Measures the spacing over time, with nothing moved: drift and scatter.",
     calibration: "Finds d and b from boards in air, with nothing moved.",
     homing: "Finds the home switches. Positions are unknown before it.",
@@ -167,7 +168,7 @@ export const job = {
 
 export const form = {
   needed: "It is needed.",
-  noNumber: "It is no number: decimals take a point, thousands nothing.",
+  noNumber: "It is no number: decimals take a point or a comma, thousands nothing.",
   notWhole: "It has to be a whole number.",
   nowhere: "It ends where it begins.",
   outside: (low: string, high: string) => `It has to be within ${low} to ${high}.`,

@@ -105,6 +105,7 @@ export const meter = {
     doubted: "In doubt",
     levels: "Several levels in view",
     elsewhere: "Board not at focus",
+    unasked: "Which board?",
     unsaid: "Shell on or off?",
   } satisfies Record<Direction, string>,
   /** Within the blur limit, and yet off the target by more than the uncertainty. */
@@ -122,6 +123,8 @@ export const meter = {
     "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
   elsewhereMore:
     "The board stands elsewhere than where the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
+  unaskedMore:
+    "No job has asked for the board that stands there, and nothing is to be moved by it: start a job, or, once one stands at the distance of focus, say beside the axes on the page Live whether the shell is on",
   unsaidMore:
     "Nobody has said whether the shell is on, and the target in air is another than through it: say which beside the axes on the page Live",
   unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
@@ -161,6 +164,7 @@ export const meter = {
   ends: { smaller: "too small", larger: "too large" },
   best: (difference: string) => `Best ${difference} px`,
   bestMore: (focus: string, e: string) => `at focus ${focus}, e ${e}`,
+  bestNowhere: "read while an axis moved, or where no axis has a place",
   bestReset: "Reset the best",
   tilt: (angle: string) => `Tilt ${angle}`,
   tiltMore: (where: string) => `the spacing grows towards the ${where}`,
@@ -168,6 +172,7 @@ export const meter = {
   tiltUntold: "Tilt not told",
   tiltUntoldMore: "a board of several levels, two boards, or none, stand before the lens",
   tiltUnknown: "what stands before the lens is not known",
+  tiltUnsaid: "whether the shell is on is not known",
   below: (angle: string) => `below ${angle}`,
   tiltCaution: "between lens and MLA, if board and shell are square",
   octant: {

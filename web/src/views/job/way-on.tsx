@@ -7,6 +7,15 @@ import { wayOn } from "../../way-on";
 import type { Job, JobRequest } from "../../wire";
 import type { Given } from "../given";
 
+/** Whether nobody has seen to where a job left the axes: where the program ended, or where the job would have brought an axis back,
+ *  or had its motor switched off. */
+function leftInTheMiddle({ state, kind }: Job): boolean {
+  return (
+    state === "interrupted" ||
+    (state === "cancelled" && (kind === "focus_sweep" || kind === "l_bound_measurement"))
+  );
+}
+
 /** After a job that ended early: what still holds of it, what to see to first, and the buttons to go on. */
 export function WayOn({ state, act, job }: Given & { job: Job }) {
   const [starting, setStarting] = useState(false);
@@ -17,10 +26,9 @@ export function WayOn({ state, act, job }: Given & { job: Job }) {
   const free = api.lease.other(bench.lease) === null;
   const ready = !starting && free && !bench.stop.latched && !bench.history_fault && able(state, "control");
   const barring = [...new Set(on.ways.flatMap(({ request }) => barred(bench, request)))];
-  const interrupted = job.state === "interrupted";
   const notes = [
-    interrupted && words.look,
-    interrupted && bench.shell === "unknown" && words.shell,
+    leftInTheMiddle(job) && words.look,
+    bench.shell === "unknown" && words.shell,
     on.airStep && words.airStep[on.airStep],
     bench.stop.latched && words.resetFirst,
     ...barring,

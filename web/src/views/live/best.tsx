@@ -18,7 +18,13 @@ export function BestHeld({ state, update }: Given) {
         <b>{strings.meter.best(signed(held.differencePx, digits(held.sigmaPx)))}</b>
         <br />
         <span class="quiet">
-          <Explained text={strings.meter.bestMore(at(held.focusMm), at(held.eMm))} />
+          <Explained
+            text={
+              held.focusMm === null && held.eMm === null
+                ? strings.meter.bestNowhere
+                : strings.meter.bestMore(at(held.focusMm), at(held.eMm))
+            }
+          />
         </span>
       </p>
       <button type="button" onClick={anew}>

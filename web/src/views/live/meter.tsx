@@ -4,7 +4,7 @@ import { needle } from "../../needle";
 import { addressOf } from "../../route";
 import { isOfOne, ofSeveral } from "../../reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../../set-up";
-import { jobUnderWay, may } from "../../state";
+import { jobUnderWay, may, type State } from "../../state";
 import { strings } from "../../strings";
 import { TONE_KEY } from "../../tone-key";
 import { nothingRead } from "../../unread";
@@ -13,7 +13,7 @@ import { Explained } from "../term";
 import { Toggle } from "../toggle";
 import { BestHeld } from "./best";
 import { MeterScale } from "./meter-scale";
-import { ARROW, NO_FIGURE, readAloud, useNewest, useShown } from "./shown";
+import { ARROW, NO_FIGURE, readAloud, sentence, useNewest, useShown } from "./shown";
 import { Spoken } from "./spoken";
 import { TiltArrow, TiltUntold } from "./tilt-arrow";
 
@@ -50,7 +50,7 @@ export function Meter(earlier: Given) {
               {strings.meter.sigma(fixed(figure.sigmaPx, 4))} ·{" "}
             </>
           )}
-          {strings.meter.target(fixed(target.targetPx, 4))}
+          {now?.direction !== "unsaid" && strings.meter.target(fixed(target.targetPx, 4))}
         </span>
         <Alone />
       </h2>
@@ -90,9 +90,9 @@ export function Meter(earlier: Given) {
           <small lang={why?.daemons ? "en" : undefined}>{why?.text}</small>
         </p>
       )}
-      {!missing && now && wanted && (
+      {!missing && now && words && wanted && (
         <p class="advice">
-          <b>{words}.</b> <Explained text={wanted.main} />
+          <b>{sentence(words)}</b> <Explained text={wanted.main} />
           {wanted.other && (
             <small>
               <Explained text={strings.meter.otherwise(wanted.other)} />
@@ -105,7 +105,7 @@ export function Meter(earlier: Given) {
           (showsTilt(state.bench) && !several ? (
             <TiltArrow tilt={leaning} />
           ) : (
-            <TiltUntold known={state.bench?.in_view !== "unknown" || several} />
+            <TiltUntold why={whyNoTilt(state)} />
           ))}
         <BestHeld {...given} />
       </div>
@@ -122,6 +122,14 @@ export function Meter(earlier: Given) {
       )}
     </section>
   );
+}
+
+/** Why the spacing's change over the field is not called a tilt. */
+function whyNoTilt({ bench, reading }: State): string {
+  if (reading?.direction === "unsaid") return strings.meter.tiltUnsaid;
+  if (reading?.direction === "unasked") return strings.meter.tiltUnknown;
+  const known = bench?.in_view !== "unknown" || ofSeveral(reading) !== null;
+  return known ? strings.meter.tiltUntoldMore : strings.meter.tiltUnknown;
 }
 
 /** The way to the meter by itself. */

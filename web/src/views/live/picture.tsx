@@ -148,7 +148,9 @@ function Legend({ state }: Given) {
         </span>
       )}
       {wanted && !map && <span>{strings.picture.mapNone}</span>}
-      {wanted && map && behind > 0 && <span>{strings.picture.mapOld(behind)}</span>}
+      {wanted && map && behind > 0 && (
+        <span class={state.missing ? "tag old" : undefined}>{strings.picture.mapOld(behind)}</span>
+      )}
       {overlays.includes("saturation") && eyepiece.saturation !== null && (
         <span>{strings.picture.saturated(fixed(100 * eyepiece.saturation, 2))}</span>
       )}

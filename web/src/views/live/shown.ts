@@ -23,6 +23,7 @@ export const ARROW = {
   doubted: "≠",
   levels: "≠",
   elsewhere: "≠",
+  unasked: "?",
   unsaid: "?",
 } as const;
 /** What stands where a figure would. */
@@ -32,6 +33,11 @@ export const NO_FIGURE = "–";
 export function readAloud(large: string): string {
   if (large === strings.meter.lost) return large;
   return large === NO_FIGURE ? strings.meter.noFigure : strings.meter.pixels(large);
+}
+
+/** Words that stand before others, with the mark that ends them. */
+export function sentence(words: string): string {
+  return words.endsWith("?") ? words : `${words}.`;
 }
 
 export interface Shown {

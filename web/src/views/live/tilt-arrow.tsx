@@ -30,13 +30,13 @@ export function TiltArrow({ tilt }: { tilt: Tilt }) {
 }
 
 /** In its place where what is before the lens would be taken for a tilt. */
-export function TiltUntold({ known }: { known: boolean }) {
+export function TiltUntold({ why }: { why: string }) {
   return (
     <div class="tilt">
       <p>
         <b>{strings.meter.tiltUntold}</b>
         <br />
-        <span class="quiet">{known ? strings.meter.tiltUntoldMore : strings.meter.tiltUnknown}</span>
+        <span class="quiet">{why}</span>
       </p>
     </div>
   );

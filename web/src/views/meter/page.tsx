@@ -7,7 +7,7 @@ import { TONE_KEY } from "../../tone-key";
 import { nothingRead } from "../../unread";
 import { FullScreen } from "../full-screen";
 import { Call } from "../job/call";
-import { ARROW, NO_FIGURE, readAloud, useNewest, useShown } from "../live/shown";
+import { ARROW, NO_FIGURE, readAloud, sentence, useNewest, useShown } from "../live/shown";
 import { Spoken } from "../live/spoken";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";
@@ -69,7 +69,8 @@ export function MeterPage(earlier: Given) {
         <Call state={state} />
       </p>
       <p class="advice">
-        <b>{says.of}.</b> <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>
+        <b>{sentence(says.of)}</b>{" "}
+        <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>
       </p>
       <p class="quiet exact">
         {reading &&
