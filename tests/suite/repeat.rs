@@ -3,7 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::control::events::ShellState;
+use plenalign::control::events::{InView, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::lease::LeaseRequest;
 use plenalign::control::replay::replay;
@@ -116,7 +116,9 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
         at_aperture && at_shell && iterations > 0 && job.iterations.len() >= iterations,
         "what was measured before is kept"
     );
-    assert_eq!(service.bench_view().shell, ShellState::Unknown, "nobody has said whether it was mounted");
+    let left = service.bench_view();
+    assert_eq!(left.shell, ShellState::Unknown, "nobody has said whether it was mounted");
+    assert_eq!(left.in_view, InView::Other, "nor whether the board stands there");
     let report = job.report.as_ref().unwrap();
     // All but what was measured since the board was put up last.
     let last = job.steps.iter().find(|step| step.repeats == Some(6)).unwrap().began_at.unwrap();

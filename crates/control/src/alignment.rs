@@ -243,9 +243,10 @@ impl Alignment<'_> {
         let view = InView::after(&setup, self.eye.aimed().equivalent_distance);
         // The job may end while it is being changed.
         self.eye.see(view.map(|_| InView::Unknown));
-        self.context.ask(name, instruction, value, setup).await?;
-        self.eye.see(view);
-        Ok(())
+        let asked = self.context.ask(name, instruction, value, setup).await;
+        // Not confirmed, it is anything: no board that was asked for.
+        self.eye.see(view.map(|view| if asked.is_ok() { view } else { InView::Other }));
+        asked
     }
 
     /// Has another white frame taken where the one that there is fits no more.

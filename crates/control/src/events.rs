@@ -114,7 +114,7 @@ pub enum InView {
     /// A flat board that stands elsewhere than where the camera is to be focused, as one does that is put to several places in
     /// turn: its spacing is not the one that is aimed at.
     BoardElsewhere,
-    /// Anything else: a diffuser, nothing.
+    /// Anything else: a diffuser, nothing, or what a job that ended had asked for and nobody has confirmed.
     Other,
 }
 
