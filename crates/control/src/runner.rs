@@ -84,7 +84,7 @@ pub(super) async fn run(
     if let Some(told) = findings.e_told {
         motion.set_e_told(told);
     }
-    context.log(format!("{state}: {reason}"));
+    context.log(if reason == state.to_string() { reason.clone() } else { format!("{state}: {reason}") });
     telemetry::job_ended(&word(&kind), &state.to_string());
     context.end(state, reason, report).await;
 }

@@ -112,7 +112,7 @@ fn head(page: &mut String, archive: &JobArchive) {
         serde_json::to_value(job.kind).ok().and_then(|word| word.as_str().map(str::to_owned)).unwrap_or_default();
     let _ = writeln!(page, "<h1>{}</h1>", escape(&kind.replace('_', " ")));
     let _ = writeln!(page, "<p class=\"outcome {state}\">{}</p>", state.replace('_', " "));
-    if let Some(reason) = &job.reason {
+    if let Some(reason) = job.reason.as_ref().filter(|reason| **reason != state) {
         let _ = writeln!(page, "<p>{}</p>", escape(reason));
     }
     page.push_str("<table>\n");
