@@ -127,7 +127,7 @@ export const design: typeof en.design = {
     mla: "MLA",
     sensor: "Sensor",
     mlaAndSensor: "MLA, Sensor",
-    centre: "Zentrum C",
+    centre: "Mittelpunkt C",
   },
   raysLost: (lost) => `${lost} von 9 Strahlen bringen kein Licht: Sie laufen am Rand der Kugelschale vorbei.`,
   raysNone: "Das Objekt erscheint innerhalb der Brennweite: Nichts wird abgebildet.",
@@ -146,6 +146,8 @@ export const design: typeof en.design = {
   saveMore: "Gilt ab dem nächsten Start des Dienstes.",
   saved: (keys) => `Geschrieben: ${keys}. Gilt, sobald der Dienst neu gestartet ist.`,
   savedNothing: "In der Datei steht es schon so.",
+  overtaken:
+    "Nicht gespeichert: Die Datei ist geändert worden, seit diese Seite sie gelesen hat. Sie ist neu gelesen, mit dem Entwurf darüber: noch einmal speichern.",
   blocked: {
     nothing: "Nichts weicht von der Konfiguration ab.",
     admin: "Die Konfiguration ist nur mit Administratorrechten änderbar.",

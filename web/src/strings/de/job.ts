@@ -102,7 +102,7 @@ export const job: typeof en.job = {
     interval_s: "Messintervall",
   },
   fieldsMore: {
-    e_mm: (unit) => `${unit}, hinter dem Zentrum der Kugelschale`,
+    e_mm: (unit) => `${unit}, hinter dem Mittelpunkt der Kugelschale`,
     distance_mm: (unit) => `${unit} vom Hauptpunkt der Hauptlinse, in Luft`,
     from_mm: (unit) => `${unit}, Anzeige der Achse`,
     to_mm: (unit) => `${unit}, Anzeige der Achse`,

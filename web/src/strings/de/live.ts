@@ -89,7 +89,7 @@ export const meter: typeof en.meter = {
     lost: "Der Punktabstand ist verloren und wird gesucht",
     refused: "Dieses Bild lässt sich nicht messen",
   },
-  overNone: "Vor der Hauptlinse steht keine Tafel: Es ist keiner zu messen",
+  overNone: "Vor der Hauptlinse steht keine Tafel: Es gibt keinen Punktabstand zu messen",
   overSteps:
     "über einer Stufentafel findet die Anzeige womöglich keinen; ein Auftrag misst sie Stufe für Stufe",
   words: {
@@ -111,10 +111,10 @@ export const meter: typeof en.meter = {
   thereMore: (px) => `Innerhalb ± ${px} px, wie ein Auftrag es annimmt: Nichts ist zu verstellen`,
   doubtedMore: (unresolved: string) =>
     unresolved
-      ? `Der Punktabstand ist vielleicht der keiner Tafel, bis sich eine Aufnahme ganz vermessen lässt; das ging bisher nicht: ${unresolved}`
-      : "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und ist vielleicht der keiner von beiden, bis eine Aufnahme ganz vermessen ist",
+      ? `Der Punktabstand gehört vielleicht zu keiner Tafel, bis sich eine Aufnahme ganz vermessen lässt; das ging bisher nicht: ${unresolved}`
+      : "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und gehört vielleicht zu keiner von beiden, bis eine Aufnahme ganz vermessen ist",
   levelsMore:
-    "Der Punktabstand ist der keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
+    "Der Punktabstand gehört zu keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
   elsewhereMore:
     "Die Tafel steht nicht dort, worauf die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
   unaskedMore:

@@ -150,6 +150,8 @@ export const design = {
   saveMore: "It takes effect when the daemon starts again.",
   saved: (keys: string) => `Written: ${keys}. Start the daemon again for it to take effect.`,
   savedNothing: "The file says so already.",
+  overtaken:
+    "Not saved: the file had been changed since this page read it. It has been read again, with the draft over it: save once more.",
   blocked: {
     nothing: "Nothing differs from the configuration.",
     admin: "Only an administrator can change the configuration.",

@@ -8,6 +8,9 @@ import type { Sections } from "../../water";
 import type { ConfigFault, ConfigWritten } from "../../wire";
 import type { Given } from "../given";
 
+/** The status of a file that is no more as it was read. */
+const CHANGED = 412;
+
 interface Props extends Given {
   /** Null until it has been read. */
   file: ConfigFile | null;
@@ -22,6 +25,7 @@ interface Props extends Given {
 /** Writes the draft into the configuration's file, or says why it cannot be. */
 export function Save({ state, act, file, read, changes, wrong, working, obstacles }: Props) {
   const [written, setWritten] = useState<ConfigWritten | null>(null);
+  const [overtaken, setOvertaken] = useState(false);
   const nothing = count(changes) === 0;
   useEffect(() => {
     if (!nothing) setWritten(null);
@@ -47,12 +51,11 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
                   : null;
   const save = async () => {
     if (!file?.stored || file.etag === null) return;
-    await act(
-      api.writeConfig(laidOver(file.stored, changes), file.etag).then((result) => {
-        if (result.ok) setWritten(result.value);
-        return result;
-      }),
-    );
+    const result = await api.writeConfig(laidOver(file.stored, changes), file.etag);
+    if (result.ok) setWritten(result.value);
+    const changed = !result.ok && result.problem.status === CHANGED;
+    setOvertaken(changed);
+    if (!changed) await act(Promise.resolve(result));
     // Also where the file had been changed by somebody else: the next attempt is on what it says now.
     await read();
   };
@@ -77,6 +80,11 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
             <b>{obstacle.key}</b> <span lang="en">{reworded(obstacle.message, state.preferences.unit)}</span>
           </p>
         ))}
+      {overtaken && !nothing && (
+        <p class="notice wrong" role="alert">
+          {words.overtaken}
+        </p>
+      )}
       {written === null && file !== null && file.waiting.length > 0 && (
         <p class="notice">{strings.settings.restart(file.waiting.join(", "))}</p>
       )}

@@ -41,6 +41,7 @@ export function LivePicture(given: Props) {
       <div class="frame" style={{ aspectRatio: facts ? `${facts.widthPx} / ${facts.heightPx}` : "1" }}>
         <Canvases
           key={eyepiece.replaced}
+          faded={state.missing !== null}
           label={
             tool
               ? strings.measuring.keys[tool]
@@ -88,7 +89,8 @@ export function LivePicture(given: Props) {
   );
 }
 
-function Canvases({ label }: { label: string }) {
+/** `faded`: what is laid over the picture is of an earlier one, and cannot be made of this. */
+function Canvases({ label, faded }: { label: string; faded: boolean }) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const over = useRef<HTMLCanvasElement>(null);
   const [probe, setProbe] = useState<Probe | null>(null);
@@ -109,7 +111,7 @@ function Canvases({ label }: { label: string }) {
         data-tool={eyepiece.marking.tool}
         {...gestures}
       />
-      <canvas ref={over} class="overlay" aria-hidden="true" />
+      <canvas ref={over} class="overlay" data-faded={faded} aria-hidden="true" />
       {probe && (
         <span class="probe">
           {strings.picture.at(probe.x, probe.y, probe.grey === null ? "" : strings.picture.grey(probe.grey))}

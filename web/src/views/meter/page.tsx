@@ -31,7 +31,7 @@ export function MeterPage(earlier: Given) {
       ? { of: strings.meter.missing[missing.is], more: why?.text ?? "" }
       : reading
         ? { of: words ?? "", more: wanted?.main ?? "" }
-        : { of: nothingRead(state), more: "" };
+        : { of: nothingRead(state), more: state.bench && !job ? strings.meter.noneMore : "" };
   return (
     <section
       class="meter-alone"
