@@ -416,6 +416,42 @@ fn a_lost_spacing_is_acquired_anew() {
     assert!(meter.measure(&known.raw).is_ok());
 }
 
+/// Of a large frame the middle is looked at first, by the field of the whole; what stands beside it is found all the same.
+#[test]
+fn a_large_frame_is_acquired_by_its_middle_or_else_by_all_of_it() {
+    let (design, pixel_mm, [width, height]) = (Config::default().design(), 0.1 / 12.0, [960, 880]);
+    let (solution, pitch_px) = (design.joint(0.0), 12.0);
+    let mut camera = CameraTruth::from_design(&design, solution.delta_v, Medium::Air, pixel_mm, width, height);
+    camera.lens_tilt = [0.02, -0.01];
+    let distance = solution.equivalent_distance;
+    let texel = texel_for(&design, Medium::Air, distance, pixel_mm);
+    let map = Arc::new(TextureMap::generate(Texture::Natural, texel, 3));
+    let taken = |scene: &Scene, seed: u64| {
+        expose(&render(&camera, scene, RenderOptions { rays: 4, seed }), width, height, &Noise::default(), seed)
+    };
+    let (raw, white) = (taken(&Scene::Board(Board::new(distance, map)), 2), taken(&Scene::Diffuser, 1));
+    let model = WhiteModel::new(&white).unwrap();
+    let prepared = prepare_frame(&raw, Some(&model), &FrameOptions::new(pitch_px)).unwrap();
+    let wanted = measure_spacing(&[prepared.frame], &SpacingOptions::new(pitch_px)).unwrap();
+    assert!(wanted.tilt_x_px.hypot(wanted.tilt_y_px) > 0.1, "there is no field to be told: {wanted:?}");
+    let meter = |options: LiveOptions| LiveMeter::new(&model.grid, &model.vignetting, options).unwrap();
+    let agrees = |live: &LiveSpacing, what: &str| {
+        let difference = live.on_axis_px - wanted.on_axis_px;
+        println!("{what}: {difference:+.4} px, {live:?}");
+        assert!(difference.abs() < 3.0 * live.sigma_px.hypot(wanted.sigma_px), "{what}: {live:?} for {wanted:?}");
+    };
+    let options = LiveOptions::new(pitch_px);
+    agrees(&meter(options).acquire(&raw).unwrap(), "by its middle");
+    let held = [wanted.tilt_x_px, wanted.tilt_y_px, wanted.curvature_px];
+    agrees(&meter(LiveOptions { field_held: Some(held), ..options }).acquire(&raw).unwrap(), "by a known field");
+    // The board has a bare patch that fills the middle.
+    let bare = |k: usize| (150..810).contains(&(k % width)) && (110..770).contains(&(k / width));
+    let (Samples::U8(textured), Samples::U8(plain)) = (raw.samples(), white.samples()) else { panic!("8 bits") };
+    let patched = (0..width * height).map(|k| if bare(k) { plain[k] } else { textured[k] }).collect();
+    let patched = RawImage::from_u8(width, height, patched);
+    agrees(&meter(options).acquire(&patched).unwrap(), "beside its middle");
+}
+
 /// Far from focus micro-images share little, and noise makes the iteration's steps go to and fro.
 #[test]
 fn a_spacing_far_from_focus_is_read_from_noisy_frames_of_few_micro_images() {

@@ -20,11 +20,13 @@
 mod engine;
 mod follow;
 mod lattice;
+mod middle;
 mod places;
 
 use serde::Serialize;
 
 use self::engine::{Engine, State};
+use self::middle::Middle;
 use super::combined::Single;
 use super::grid::{Grid, GridError, refine_grid};
 use super::matching::model::USUAL_TERMS;
@@ -306,8 +308,8 @@ impl LiveMeter {
         }
     }
 
-    /// Fits the grid to the whole frame with [`refine_grid`], looks for the spacing as if nothing were known of it, and
-    /// measures and follows the frame from there. This takes nearly as long as to measure a frame in whole, and is not live. As with
+    /// Fits the grid to the whole frame with [`refine_grid`], looks for the spacing as if nothing were known of it, of a
+    /// large frame first in its middle, and measures and follows the frame from there. This is not live. As with
     /// every reading, nobody asks whether the frame is smeared.
     ///
     /// # Errors
@@ -331,9 +333,13 @@ impl LiveMeter {
         let grid = refine_grid(even, &self.grid, Some(&self.vignetting))?;
         self.engine.start_from(&grid)?;
         let (fit, profile) = self.choose_profile(even, &grid)?;
-        let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
+        let in_the_middle = Middle::of(&grid).and_then(|middle| middle.find(raw, &profile, &self.options));
+        let anywhere = || {
+            let frame = SpacingFrame::new(raw, mosaic, &profile.render(&grid), &grid)?;
+            find_spacing(&frame, &self.options.of_spacing())
+        };
         let with_white = |failed| WhiteMisfit::behind(&failed, fit).map_or_else(|| failed.into(), LiveError::from);
-        let (spacing_px, field_px) = find_spacing(&frame, &self.options.of_spacing()).map_err(with_white)?;
+        let (spacing_px, field_px) = in_the_middle.map_or_else(anywhere, Ok).map_err(with_white)?;
         self.engine.state = Some(State::new(spacing_px, field_px));
         ended(LivePart::Search);
         self.measure_by_parts(raw, ended)

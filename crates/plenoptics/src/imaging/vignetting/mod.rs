@@ -212,16 +212,22 @@ impl Vignetting {
     /// plateaus. The grid may be another than the profile's own.
     #[must_use]
     pub fn render(&self, grid: &Grid) -> Vec<f32> {
-        if self.bends { self.drawn_over::<TERMS>(grid) } else { self.drawn_over::<1>(grid) }
+        self.render_part(grid, [0, 0], grid.frame_size)
     }
 
-    fn drawn_over<const N: usize>(&self, grid: &Grid) -> Vec<f32> {
+    /// The same of a part of a frame of that size, which begins at that column and row; the grid is by the part's pixels.
+    pub(super) fn render_part(&self, grid: &Grid, from: [usize; 2], of: [usize; 2]) -> Vec<f32> {
+        if self.bends { self.drawn_over::<TERMS>(grid, from, of) } else { self.drawn_over::<1>(grid, from, of) }
+    }
+
+    fn drawn_over<const N: usize>(&self, grid: &Grid, from: [usize; 2], of: [usize; 2]) -> Vec<f32> {
         let [w, h] = grid.frame_size;
-        let (drawn, field) = (Drawn::<N>::new(self), FrameField::new(grid.frame_size));
+        let (drawn, field) = (Drawn::<N>::new(self), FrameField::new(of));
         let mut values = vec![0.0; w * h];
         values.par_chunks_mut(w.max(1)).enumerate().for_each(|(y, row)| {
             along_row(grid, y, |x, place| {
-                row[x] = drawn.transmission(&place, field.coordinates([x as f64, y as f64]));
+                let at = [x + from[0], y + from[1]].map(|k| k as f64);
+                row[x] = drawn.transmission(&place, field.coordinates(at));
             });
         });
         values
