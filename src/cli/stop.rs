@@ -38,8 +38,8 @@ pub(super) fn run(args: &Args) -> anyhow::Result<ExitCode> {
     if args.json {
         println!("{}", serde_json::to_string(&report)?);
     } else {
-        println!("focus axis: {}", words(report.focus));
-        println!("e axis: {}", words(report.e));
+        println!("focus axis: {}", report.focus);
+        println!("e axis: {}", report.e);
         if !report.kept {
             println!("not on the disk yet: a restart now would not know of it");
         }
@@ -60,12 +60,4 @@ async fn reset(args: &Args, why: &str) -> anyhow::Result<ExitCode> {
         println!("motion is allowed again");
     }
     Ok(if stop.latched { ExitCode::FAILURE } else { ExitCode::SUCCESS })
-}
-
-fn words(delivery: StopDelivery) -> &'static str {
-    match delivery {
-        StopDelivery::Confirmed => "stopped",
-        StopDelivery::Sent => "stop sent, not confirmed",
-        StopDelivery::Undeliverable => "STOP NOT DELIVERABLE",
-    }
 }

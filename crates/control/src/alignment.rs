@@ -241,7 +241,6 @@ impl Alignment<'_> {
         setup: Setup,
     ) -> Result<(), JobEnd> {
         let view = InView::after(&setup, self.eye.aimed().equivalent_distance);
-        // The job may end while it is being changed.
         self.eye.see(view.map(|_| InView::Unknown));
         let asked = self.context.ask(name, instruction, value, setup).await;
         // Not confirmed, it is anything: no board that was asked for.

@@ -95,7 +95,7 @@ pub(super) async fn break_off(context: &JobContext, motion: &Motion, why: String
     // Another failure here must not keep the job from its end.
     let stopped = AssertUnwindSafe(motion.halt()).catch_unwind().await;
     match stopped {
-        Ok(stopped) => context.log(format!("axes told to stop: focus {}, e {}", stopped.focus, stopped.e)),
+        Ok(stopped) => context.log(format!("focus axis: {}; e axis: {}", stopped.focus, stopped.e)),
         Err(_) => context.log("the axes could not be told to stop"),
     }
     if !context.snapshot().state.is_final() {
@@ -143,7 +143,7 @@ async fn bring_to_rest(context: &JobContext, motion: &Motion, stop_always: bool)
     // At once after a step that was given up: what it had ordered must not begin any more.
     if stop {
         let stopped = motion.halt().await;
-        context.log(format!("axes told to stop: focus {}, e {}", stopped.focus, stopped.e));
+        context.log(format!("focus axis: {}; e axis: {}", stopped.focus, stopped.e));
     }
     for axis in AxisName::ALL {
         match tokio::time::timeout(READ_ALLOWED, motion.read_state(axis)).await {

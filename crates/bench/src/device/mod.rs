@@ -205,9 +205,9 @@ pub enum StopDelivery {
 impl fmt::Display for StopDelivery {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(match self {
-            Self::Confirmed => "confirmed",
-            Self::Sent => "sent, not confirmed",
-            Self::Undeliverable => "not delivered",
+            Self::Confirmed => "stopped",
+            Self::Sent => "stop sent, not confirmed",
+            Self::Undeliverable => "STOP NOT DELIVERABLE",
         })
     }
 }
