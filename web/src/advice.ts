@@ -2,7 +2,7 @@
 
 import type { Correction } from "./correction";
 import { fixed } from "./format";
-import type { Reading } from "./reading";
+import type { Direction, Reading } from "./reading";
 import { strings } from "./strings";
 import { length, signedLength, type LengthUnit } from "./units";
 
@@ -31,10 +31,9 @@ export function advice(
   const words = strings.meter;
   if (reading.direction === "there")
     return { main: words.thereMore(fixed(reading.tolerancePx, 4)), other: null };
-  if (reading.direction === "levels") return { main: words.levelsMore, other: null };
-  if (reading.direction === "elsewhere") return { main: words.elsewhereMore, other: null };
-  if (reading.direction === "unasked") return { main: words.unaskedMore, other: null };
-  if (reading.direction === "unsaid") return { main: words.unsaidMore, other: null };
+  const orderless: Partial<Record<Direction, string>> = words.orderless;
+  const why = orderless[reading.direction];
+  if (why !== undefined) return { main: why, other: null };
   if (reading.direction === "doubted") return { main: words.doubtedMore(reading.unresolved), other: null };
   if (reading.twoBoards) {
     const { spacings_px, share } = reading.twoBoards;

@@ -10,16 +10,7 @@ import type { Combined, FrameReading, Measurement, TwoBoards } from "./wire";
  *  of one that is "unasked" for it is not known where it stands; and "unsaid" is whether the shell is on, and so which target it
  *  has. */
 export type Direction =
-  | "larger"
-  | "smaller"
-  | "there"
-  | "unsure"
-  | "two_boards"
-  | "doubted"
-  | "levels"
-  | "elsewhere"
-  | "unasked"
-  | "unsaid";
+  "larger" | "smaller" | "there" | "unsure" | "two_boards" | "doubted" | NonNullable<Scene["otherwise"]>;
 
 export interface Reading {
   /** Of one frame, as each is read while somebody looks; or of a whole measurement, of which few are made. */

@@ -166,7 +166,7 @@ describe("a board of several levels in view", () => {
       expect(held).toBeNull();
       expect(toneNow({ ...state, reading: seen, readingAt: at }, at)).toBeNull();
       const { main, other } = advice(seen!, correction(design, seen!), "delta_v", "mm");
-      expect([main, other]).toEqual([strings.meter.levelsMore, null]);
+      expect([main, other]).toEqual([strings.meter.orderless.levels, null]);
     }
     // Nor is one that stands elsewhere, which has another target.
     const elsewhere = {
@@ -177,7 +177,7 @@ describe("a board of several levels in view", () => {
     const { reading: there, best: none } = receiveReading(elsewhere, frameReading(19.725, at), at);
     expect([there?.direction, there?.inFocus, none]).toEqual(["elsewhere", false, null]);
     expect(advice(there!, correction(design, there!), "delta_v", "mm").main).toBe(
-      strings.meter.elsewhereMore,
+      strings.meter.orderless.elsewhere,
     );
     // Nor is any while nobody has said whether the shell is on: in air the target is another.
     const unsaid = {
@@ -187,7 +187,7 @@ describe("a board of several levels in view", () => {
     };
     const { reading: one, best: neither } = receiveReading(unsaid, frameReading(19.725, at), at);
     expect([one?.direction, one?.inFocus, neither]).toEqual(["unsaid", false, null]);
-    expect(advice(one!, correction(design, one!), "e", "mm").main).toBe(strings.meter.unsaidMore);
+    expect(advice(one!, correction(design, one!), "e", "mm").main).toBe(strings.meter.orderless.unsaid);
     // Nor by one that no job has asked for: a job may have ended with none.
     const unasked = {
       ...state,
@@ -196,7 +196,9 @@ describe("a board of several levels in view", () => {
     };
     const { reading: other, best: nothing } = receiveReading(unasked, frameReading(19.725, at), at);
     expect([other?.direction, other?.inFocus, nothing]).toEqual(["unasked", false, null]);
-    expect(advice(other!, correction(design, other!), "delta_v", "mm").main).toBe(strings.meter.unaskedMore);
+    expect(advice(other!, correction(design, other!), "delta_v", "mm").main).toBe(
+      strings.meter.orderless.unasked,
+    );
     // Whatever was seen of two boards before: they are its levels.
     const two = { spacings_px: [19.93, 19.725], difference_sigma_px: 0.004, share: 0.38 };
     const both = receiveReading(
@@ -435,14 +437,7 @@ describe("the advice", () => {
     for (const { meter } of [en, de]) {
       const { hindered, away, towards, grow, shrink } = meter;
       const all = [
-        ...[
-          meter.thereMore("1"),
-          meter.unsureMore,
-          meter.levelsMore,
-          meter.elsewhereMore,
-          meter.unsaidMore,
-          meter.doubtedMore(""),
-        ],
+        ...[meter.thereMore("1"), meter.unsureMore, ...Object.values(meter.orderless), meter.doubtedMore("")],
         ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],
         ...[meter.grows, meter.shrinks, hindered.out, hindered.unhomed, hindered.past].flatMap((of) =>
           Object.values(of),

@@ -113,14 +113,16 @@ export const meter: typeof en.meter = {
     unresolved
       ? `Der Punktabstand gehört vielleicht zu keiner Tafel, bis sich eine Aufnahme ganz vermessen lässt; das ging bisher nicht: ${unresolved}`
       : "Der Punktabstand springt im Bild wie zwischen zwei Tafeln und gehört vielleicht zu keiner von beiden, bis eine Aufnahme ganz vermessen ist",
-  levelsMore:
-    "Der Punktabstand gehört zu keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
-  elsewhereMore:
-    "Die Tafel steht nicht dort, worauf die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
-  unaskedMore:
-    "Die Tafel, die dort steht, hat kein Auftrag verlangt, und nach ihr ist nichts zu verstellen: einen Auftrag starten oder, sobald eine im Abstand des Fokus steht, auf der Seite Live bei den Achsen angeben, ob die Kugelschale montiert ist",
-  unsaidMore:
-    "Niemand hat gesagt, ob die Kugelschale montiert ist, und in Luft gilt ein anderer Sollwert als hinter ihr: auf der Seite Live bei den Achsen angeben",
+  orderless: {
+    levels:
+      "Der Punktabstand gehört zu keiner Stufe der Tafel, und nach ihm ist nichts zu verstellen: Ein Auftrag misst sie Stufe für Stufe",
+    elsewhere:
+      "Die Tafel steht nicht dort, worauf die Kamera fokussiert werden soll, und ihr Punktabstand hat einen anderen Sollwert: Nach ihm ist nichts zu verstellen",
+    unasked:
+      "Die Tafel, die dort steht, hat kein Auftrag verlangt, und nach ihr ist nichts zu verstellen: einen Auftrag starten oder, sobald eine im Abstand des Fokus steht, auf der Seite Live bei den Achsen angeben, ob die Kugelschale montiert ist",
+    unsaid:
+      "Niemand hat gesagt, ob die Kugelschale montiert ist, und in Luft gilt ein anderer Sollwert als hinter ihr: auf der Seite Live bei den Achsen angeben",
+  },
   unsureMore: "Innerhalb 2 σ, aber für einen Auftrag zu unsicher",
   twoBoards: (larger, smaller, percent) =>
     `Der Punktabstand ist ${larger} px im größeren Teil des Bilds und ${smaller} px auf ${percent} %: Eine Tafel muss das Bild füllen`,

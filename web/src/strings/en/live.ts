@@ -4,6 +4,7 @@ import type { Moved } from "../../advice";
 import type { Octant } from "../../correction";
 import type { Overlay, Preferences } from "../../preferences";
 import type { Direction, Missing } from "../../reading";
+import type { Scene } from "../../set-up";
 
 export const picture = {
   live: "Live frame",
@@ -119,14 +120,17 @@ export const meter = {
     unresolved
       ? `The spacing may be no board’s until a frame can be measured in whole; none could be: ${unresolved}`
       : "The spacing steps over the picture as between two boards, and may be neither’s, until a frame has been measured in whole",
-  levelsMore:
-    "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
-  elsewhereMore:
-    "The board stands elsewhere than where the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
-  unaskedMore:
-    "No job has asked for the board that stands there, and nothing is to be moved by it: start a job, or, once one stands at the distance of focus, say beside the axes on the page Live whether the shell is on",
-  unsaidMore:
-    "Nobody has said whether the shell is on, and the target in air is another than through it: say which beside the axes on the page Live",
+  /** Why nothing is ordered by a spacing that is not to be compared with the target. */
+  orderless: {
+    levels:
+      "The spacing is of none of the board's levels, and orders nothing: a job measures them level by level",
+    elsewhere:
+      "The board stands elsewhere than where the camera is to be focused, so that its spacing has another target: nothing is to be moved by it",
+    unasked:
+      "No job has asked for the board that stands there, and nothing is to be moved by it: start a job, or, once one stands at the distance of focus, say beside the axes on the page Live whether the shell is on",
+    unsaid:
+      "Nobody has said whether the shell is on, and the target in air is another than through it: say which beside the axes on the page Live",
+  } satisfies Record<NonNullable<Scene["otherwise"]>, string>,
   unsureMore: "Within 2 σ, and too uncertain for a job to accept it",
   twoBoards: (larger: string, smaller: string, percent: string) =>
     `The spacing is ${larger} px over most of the picture and ${smaller} px over ${percent} % of it: let one board fill the picture`,
