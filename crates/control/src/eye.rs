@@ -491,12 +491,18 @@ impl Eye {
         blocking(move || Ok(clarity::sharpness(&evened(&frame.image, mosaic)))).await
     }
 
-    /// Measures the spacing of the flat board over so many frames.
-    pub(super) async fn spacing(&self, count: u32) -> Result<Seen, JobEnd> {
+    /// The spacing of the flat board over so many frames, which is neither kept nor shown.
+    pub(super) async fn glance(&self, count: u32) -> Result<SpacingReading, JobEnd> {
+        let (_, seen) = self.unsmeared(count, Sight::spacing_alone).await?;
+        Ok(seen.spacing)
+    }
+
+    /// Measures the spacing of the flat board over so many frames; `near_px` is what it was last seen to be (px).
+    pub(super) async fn spacing(&self, count: u32, near_px: Option<f64>) -> Result<Seen, JobEnd> {
         let (frames, seen) = self
-            .unsmeared(count, |sight, images| {
+            .unsmeared(count, move |sight, images| {
                 let from = Instant::now();
-                let seen = sight.spacing(images);
+                let seen = sight.spacing(images, near_px);
                 telemetry::measured(from.elapsed());
                 seen
             })
@@ -646,7 +652,7 @@ impl Eye {
     async fn measured_whole(&self, frame: &Arc<Frame>) -> Result<MeasurementView, Unseen> {
         let sight = self.sight().ok_or_else(|| "no white frame has been taken".to_owned())?;
         let (image, from) = (Arc::clone(&frame.image), Instant::now());
-        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image]))
+        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image], None))
             .await
             .map_err(|error| format!("the measurement ended unexpectedly: {error}"))??;
         telemetry::measured(from.elapsed());

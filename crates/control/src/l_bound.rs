@@ -41,7 +41,7 @@ impl Alignment<'_> {
         self.ask("least_e_by_hand", instruction, value, Setup::LeastE { distance_mm }).await?;
         self.motion.set_shell(ShellState::On);
         self.context.doing("l_bound: measuring the spacing");
-        let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES)).await?;
+        let seen = self.context.unless_cancelled(self.eye.spacing(VERIFY_FRAMES, None)).await?;
         let least_e = camera.e_mm(seen.spacing.spacing_px, 0.0);
         let sigma = camera.e_sigma_mm(least_e, 0.0, seen.spacing.spacing_sigma_px);
         if !least_e.is_finite() || !sigma.is_finite() {

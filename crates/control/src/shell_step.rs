@@ -139,24 +139,22 @@ impl Alignment<'_> {
     /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis
     /// stands while its carriage creeps on, and what is decided near the shell would be of where it no longer is.
     async fn spacing_at_rest(&self, kind: IterationKind, frames: u32) -> Result<Seen, JobEnd> {
-        let mut seen = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
         if !matches!(kind, IterationKind::Probe | IterationKind::Move) {
-            return Ok(seen);
+            return self.context.unless_cancelled(self.eye.spacing(frames, None)).await;
         }
+        let mut before = self.context.unless_cancelled(self.eye.glance(frames)).await?;
         for _ in 0..CREEP_LOOKS {
             let pause = async {
                 tokio::time::sleep(CREEP_LOOK).await;
                 Ok::<(), JobEnd>(())
             };
             self.context.unless_cancelled(pause).await?;
-            let again = self.context.unless_cancelled(self.eye.spacing(frames)).await?;
-            let (one, other) = (&seen.spacing, &again.spacing);
-            let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
-            let changed = (one.spacing_px - other.spacing_px).abs() > CREEP_SIGMAS * sigma;
-            seen = again;
-            if !changed {
+            let seen = self.context.unless_cancelled(self.eye.spacing(frames, Some(before.spacing_px))).await?;
+            let sigma = before.spacing_sigma_px.hypot(seen.spacing.spacing_sigma_px);
+            if (before.spacing_px - seen.spacing.spacing_px).abs() <= CREEP_SIGMAS * sigma {
                 return Ok(seen);
             }
+            before = seen.spacing;
             self.context.log("the picture still changes after the move: the axis creeps on, though its controller says that it stands");
         }
         Err(JobEnd::failed(

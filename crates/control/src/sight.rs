@@ -245,12 +245,13 @@ impl Sight {
         Ok(misfit.map(|misfit| format!("the white frame no longer fits: {misfit}")))
     }
 
-    /// Measures the spacing of a flat board over several frames of one pose.
+    /// Measures the spacing of a flat board over several frames of one pose, with what the frames besides show; `near_px` is
+    /// what it was last seen to be (px).
     ///
     /// # Errors
     /// Why there is no number to be had, in words.
-    pub(super) fn spacing(&self, images: &[&RawImage]) -> Result<Measured, Unseen> {
-        let (seen, measured) = self.measured(images, true)?;
+    pub(super) fn spacing(&self, images: &[&RawImage], near_px: Option<f64>) -> Result<Measured, Unseen> {
+        let (seen, measured) = self.measured(images, near_px, true)?;
         let seen_last = images.last().and_then(|image| {
             let frame = ViewFrame::new(image, self.options.mosaic, &seen.grid, Some(&seen.light)).ok()?;
             let view = view::render(&frame, &ViewOptions::central(seen.spacing.on_axis_px)).ok()?;
@@ -263,9 +264,23 @@ impl Sight {
         Ok(Measured { eog, ssim, picture: view.as_ref().and_then(jpeg), map: seen.map.map(Arc::new), ..measured })
     }
 
+    /// The same, and nothing besides.
+    ///
+    /// # Errors
+    /// Why there is no number to be had, in words.
+    pub(super) fn spacing_alone(&self, images: &[&RawImage]) -> Result<Measured, Unseen> {
+        Ok(self.measured(images, None, false)?.1)
+    }
+
     /// The same, with what every micro-image makes of it where that is asked for, and without a picture.
-    fn measured(&self, images: &[&RawImage], map: bool) -> Result<(FrameMeasurement, Measured), Unseen> {
-        let options = FrameOptions { map, ..self.options() };
+    fn measured(
+        &self,
+        images: &[&RawImage],
+        near_px: Option<f64>,
+        map: bool,
+    ) -> Result<(FrameMeasurement, Measured), Unseen> {
+        let usual = self.options();
+        let options = FrameOptions { map, spacing: SpacingOptions { start_px: near_px, ..usual.spacing }, ..usual };
         let seen = measure_frames(images.iter().copied(), Some(&self.white), &options)?;
         let spacing = SpacingReading {
             spacing_px: seen.spacing.on_axis_px,
@@ -376,7 +391,7 @@ impl Sight {
         distance_mm: f64,
         known_b: (f64, f64),
     ) -> Result<(CameraSeen, Measured), Unseen> {
-        let (_, measured) = self.measured(images, false)?;
+        let measured = self.spacing_alone(images)?;
         Ok((self.camera_from(BoardSeen::at(distance_mm, &measured.spacing), known_b), measured))
     }
 
@@ -418,7 +433,7 @@ impl Sight {
     /// The three boards taken as one at the middle distance: d + N b to within what the levels lie apart, which is
     /// enough to come nearer.
     fn blurred_triple(&self, images: &[&RawImage], levels_mm: &[f64; 3]) -> Result<(CameraSeen, Measured), Unseen> {
-        let (_, measured) = self.measured(images, false)?;
+        let measured = self.spacing_alone(images)?;
         let (pitch, b) = (self.design.mla.pitch, self.design.mla.b());
         let a = a_from_spacing(pitch, measured.spacing.spacing_px * self.pixel_mm, b);
         let image = |distance: f64| self.design.main_lens.image_distance(distance);

@@ -58,7 +58,7 @@ impl Alignment<'_> {
             let to = sweep.from_mm + share * (sweep.to_mm - sweep.from_mm);
             self.context.doing(format!("sweep: {} axis at {to:.3} mm", sweep.axis));
             self.go(sweep.axis, to).await?;
-            match self.context.unless_cancelled(self.eye.spacing(1)).await {
+            match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
                 Ok(seen) => {
                     samples.push(self.sample(&seen, Some(sweep.axis), to));
                     self.check_way(way.as_mut(), sweep.axis, &seen)?;
@@ -129,7 +129,7 @@ impl Alignment<'_> {
 
     /// Looks where a swept axis is, for its way alone. Out of the range of focus there is nothing to be seen of it.
     async fn look_on_the_way(&self, way: Option<&mut SweptWay>, axis: AxisName) -> Result<(), JobEnd> {
-        match self.context.unless_cancelled(self.eye.spacing(1)).await {
+        match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
             Ok(seen) => self.check_way(way, axis, &seen),
             Err(JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. }) => Ok(()),
             Err(end) => Err(end),
@@ -159,7 +159,7 @@ impl Alignment<'_> {
         let mut unmeasured = 0;
         loop {
             self.context.doing("watching the spacing");
-            let seen = match self.context.unless_cancelled(self.eye.spacing(1)).await {
+            let seen = match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
                 Ok(seen) => Ok(seen),
                 // Somebody steps between, or the light goes out: hours of a watch are not lost by it.
                 Err(JobEnd::Unmeasurable { why }) => Err(why),

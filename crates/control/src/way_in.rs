@@ -163,7 +163,7 @@ impl Alignment<'_> {
         let mut sharpest: Option<(Sharpness, f64, Seen)> = None;
         loop {
             let sharpness = self.sharpness().await?;
-            match self.context.unless_cancelled(self.eye.spacing(1)).await {
+            match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
                 Ok(seen) => match sharpest.take() {
                     Some((energy, at_mm, seen)) if energy.energy > sharpness.energy => return Ok(Ok((at_mm, seen))),
                     _ => sharpest = Some((sharpness, self.motion.position_mm(AxisName::Focus)?, seen)),
