@@ -119,9 +119,14 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
     let allowed = 0.2 + 3.0 * image_distance_sigma_mm;
     assert!((delta_v_mm - start).abs() < allowed && image_distance_sigma_mm < 0.5, "{delta_v_mm} at {start}");
     assert_eq!(calibrated.iterations.len(), 0);
+    let reached = calibrated.progress.measure.as_ref().unwrap();
+    let told = (reached.name.as_str(), reached.value, reached.sigma, reached.target);
+    assert_eq!(told, ("delta_v_mm", delta_v_mm, image_distance_sigma_mm, None));
 
     let swept = run(&service, sweep).await;
     ended_as(&swept, JobState::Succeeded);
+    let back = format!("the focus axis stands at {start:.3} mm, and comes back there at the end");
+    assert!(swept.log.iter().any(|line| line.message == back), "{:?}", swept.log);
     let Some(Outcome::FocusSweep { positions: 5, measured, crossing_mm, slope_px_per_mm, best_focus, .. }) =
         &swept.outcome
     else {
@@ -169,6 +174,7 @@ async fn l_bound_alone_is_measured_and_holds_from_then_on() {
     let reached = job.progress.measure.as_ref().unwrap();
     assert_eq!((reached.name.as_str(), reached.value, reached.sigma), ("l_bound_mm", l_bound_mm, sigma_mm));
     let page = export::html(&service.archive(job.id).await.unwrap());
+    assert!(page.contains("<h1>l_bound measurement</h1>"));
     assert!(page.contains(&format!("l_bound</th><td>{l_bound_mm:.3} ± {sigma_mm:.3} mm")));
     assert!(page.contains(&format!("e wall</th><td>{e_wall_mm:.3} mm")));
 }

@@ -222,8 +222,8 @@ pub struct OperatorStep {
 /// The figure that a job brings to its target.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
 pub struct Measure {
-    /// `delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm` (a reading of the focus axis) or
-    /// `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
+    /// `delta_v_mm` or `spacing_px`; at the end of a calibration `delta_v_mm`, of a sweep `best_focus_mm` (a reading of the focus
+    /// axis) or `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
     pub name: String,
     /// Its newest value.
     pub value: f64,

@@ -101,7 +101,10 @@ impl Outcome {
                 };
                 Some(best.map(|(at_mm, sigma_mm)| told(name, at_mm, sigma_mm)))
             }
-            Self::Homing { .. } | Self::Calibration { .. } | Self::SpacingWatch { .. } => None,
+            Self::Calibration { delta_v_mm, image_distance_sigma_mm, .. } => {
+                Some(Some(told("delta_v_mm", *delta_v_mm, *image_distance_sigma_mm)))
+            }
+            Self::Homing { .. } | Self::SpacingWatch { .. } => None,
         }
     }
 }

@@ -36,6 +36,7 @@ impl Alignment<'_> {
         self.context.begin(sweep.steps + 4);
         self.eye.check_camera()?;
         let start = self.motion.position_mm(sweep.axis)?;
+        self.context.log(format!("the {} axis stands at {start:.3} mm, and comes back there at the end", sweep.axis));
         // Both ends before anything moves.
         for end in [sweep.from_mm, sweep.to_mm] {
             self.motion.check(sweep.axis, Millimetres(end))?;

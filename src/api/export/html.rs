@@ -110,7 +110,8 @@ fn head(page: &mut String, archive: &JobArchive) {
     let state = job.state.to_string();
     let kind =
         serde_json::to_value(job.kind).ok().and_then(|word| word.as_str().map(str::to_owned)).unwrap_or_default();
-    let _ = writeln!(page, "<h1>{}</h1>", escape(&kind.replace('_', " ")));
+    // l_bound is one symbol.
+    let _ = writeln!(page, "<h1>{}</h1>", escape(&kind.replace('_', " ").replace("l bound", "l_bound")));
     let _ = writeln!(page, "<p class=\"outcome {state}\">{}</p>", state.replace('_', " "));
     if let Some(reason) = job.reason.as_ref().filter(|reason| **reason != state) {
         let _ = writeln!(page, "<p>{}</p>", escape(reason));

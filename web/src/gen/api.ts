@@ -4434,8 +4434,8 @@ export interface components {
     /** @description The figure that a job brings to its target. */
     Measure: {
       /**
-       * @description `delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm` (a reading of the focus axis) or
-       *     `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
+       * @description `delta_v_mm` or `spacing_px`; at the end of a calibration `delta_v_mm`, of a sweep `best_focus_mm` (a reading of the focus
+       *     axis) or `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
        */
       name: string;
       /**

@@ -1237,8 +1237,8 @@ class Measure(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The figure that a job brings to its target."""
 
     name: str
-    """`delta_v_mm` or `spacing_px`; at the end of a sweep `best_focus_mm` (a reading of the focus axis) or
-    `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
+    """`delta_v_mm` or `spacing_px`; at the end of a calibration `delta_v_mm`, of a sweep `best_focus_mm` (a reading
+    of the focus axis) or `best_focus_e_mm` (one of the e axis), and of a measurement of l_bound `l_bound_mm`.
     """
     sigma: float
     """The standard uncertainty of that."""
