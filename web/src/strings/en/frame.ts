@@ -33,7 +33,7 @@ export const frame = {
   dismiss: "Dismiss",
   close: "Close",
   historyFault: "Nothing can be moved",
-  viewOnly: "You may look and stop; commands need a token with scope control.",
+  viewOnly: "You may look and stop; to command the bench, sign in with a token that may command.",
   skip: "Skip to the content",
   pagesLabel: "Pages",
   pages: {

@@ -129,8 +129,10 @@ function Legend({ state }: Given) {
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
   const several = ofSeveral(state.reading);
+  // Distances go by the spacing: of a frame whose spacing is not told they are not told either.
+  const untold = state.missing !== null || state.reading?.direction === "doubted";
   const end = (mm: number | null | undefined) =>
-    typeof mm === "number" ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
+    typeof mm === "number" && !untold ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
   return (
     <>
       {show === "depth" && (
