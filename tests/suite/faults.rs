@@ -3,12 +3,14 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use plenalign::control::events::Event;
+use plenalign::control::events::{Event, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::open_bench;
+use plenalign::control::lease::LeaseRequest;
+use plenalign::control::{Service, Shown, open_bench};
 use plenalign::device::faults::{Faults, PictureFault};
 use reqwest::Method;
 use serde_json::{Value, json};
+use tokio::task::JoinHandle;
 
 use super::bench::{align, permit, service, small_config};
 use super::daemon::{Daemon, problem};
@@ -80,6 +82,54 @@ async fn an_adapter_unplugged_in_a_job_ends_it() {
     assert!(!back.expect("it connects again").unwrap().homed);
 }
 
+/// The line out and back while the operator has the diffuser in hand: the controller has lost where both axes stand.
+#[tokio::test(start_paused = true)]
+async fn axes_lost_while_the_white_frame_is_waited_for_are_homed_both() {
+    let service = service(small_config(9)).await;
+    let bench = service.bench().clone();
+    let lost = at_step("Put the diffuser on", &service, move || {
+        bench.focus.forget_position();
+        bench.e.forget_position();
+    });
+    let job = align(&service).await;
+    lost.await.unwrap();
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    for axis in ["focus", "e"] {
+        let homed = format!("where the {axis} axis stands is not known: it is homed");
+        assert!(job.log.iter().any(|line| line.message == homed), "{:#?}", job.log);
+    }
+}
+
+/// Once something has been measured in air, nobody mounts the shell for a job that has lost where it stands.
+#[tokio::test(start_paused = true)]
+async fn a_job_that_loses_an_axis_at_a_prompt_ends_there() {
+    let mut config = small_config(9);
+    config.bench.simulation.operator_confirms = false;
+    let service = service(config).await;
+    let mut events = service.subscribe();
+    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
+    let key = service.leases().take_over(request).key;
+    let shown = Shown { lease: Some(&key), ..Shown::default() };
+    let permit = service.leases().permit(Some(&key)).unwrap();
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    let mut answered = 0;
+    let job = loop {
+        let Event::Job { job } = events.recv().await.unwrap() else { continue };
+        if job.id == id && job.state.is_final() {
+            break job;
+        }
+        let Some(step) = job.operator_step.as_ref().filter(|step| step.number > answered) else { continue };
+        answered = step.number;
+        match step.name.as_str() {
+            "shell_and_water" => service.bench().e.forget_position(),
+            _ => drop(service.confirm(id, answered, shown).unwrap()),
+        }
+    };
+    failed_naming(&job, &["where the e axis stands was lost while the operator was at work"]);
+    assert_eq!(job.operator_step, None);
+    assert_ne!(service.bench_view().shell, ShellState::On);
+}
+
 #[tokio::test]
 async fn faults_are_set_and_read_over_the_api() {
     let config = Arc::new(small_config(1));
@@ -131,22 +181,28 @@ async fn an_assemblers_mistakes_are_named() {
     failed_naming(&aligned_with(|faults| faults.scene.shell_radius_mm = 6.0).await, &["a shell of 6"]);
 }
 
+/// Does something once a job asks for what is said so.
+fn at_step(said: &'static str, service: &Arc<Service>, act: impl FnOnce() + Send + 'static) -> JoinHandle<()> {
+    let mut events = service.subscribe();
+    tokio::spawn(async move {
+        loop {
+            if let Ok(Event::Job { job }) = events.recv().await
+                && job.log.iter().any(|line| line.message.contains(said))
+            {
+                return act();
+            }
+        }
+    })
+}
+
 /// The board stands right in air, and is put up wrong in the water.
 async fn with_the_board_in_water(change: impl FnOnce(&mut Faults) + Send + 'static) -> JobSnapshot {
     let service = service(small_config(9)).await;
     let bench = service.bench().clone();
-    let mut events = service.subscribe();
-    let put_up = tokio::spawn(async move {
-        loop {
-            if let Ok(Event::Job { job }) = events.recv().await
-                && job.log.iter().any(|line| line.message.contains("Mount the shell"))
-            {
-                let mut faults = Faults::default();
-                change(&mut faults);
-                bench.simulated.as_ref().unwrap().set_faults(faults);
-                return;
-            }
-        }
+    let put_up = at_step("Mount the shell", &service, move || {
+        let mut faults = Faults::default();
+        change(&mut faults);
+        bench.simulated.as_ref().unwrap().set_faults(faults);
     });
     let job = align(&service).await;
     put_up.await.unwrap();

@@ -171,7 +171,21 @@ impl Alignment<'_> {
             self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
         }
         self.home_where_cramped(AxisName::Focus, plan.focus_probe_mm).await?;
-        self.white_frame().await
+        self.white_frame().await?;
+        // A line that was out meanwhile may have cost the controller its count. No shell is in the way now.
+        for axis in AxisName::ALL {
+            self.home_where_lost(axis).await?;
+        }
+        Ok(())
+    }
+
+    /// Homes an axis whose place is not known.
+    async fn home_where_lost(&self, axis: AxisName) -> Result<(), JobEnd> {
+        if self.motion.position_mm(axis).is_ok() {
+            return Ok(());
+        }
+        self.context.log(format!("where the {axis} axis stands is not known: it is homed"));
+        self.context.unless_cancelled(self.motion.home(self.admission, axis)).await
     }
 
     /// How far an axis stands from the nearer end of its travel, and how far it would have to for a first move of so much; all mm.
@@ -203,10 +217,7 @@ impl Alignment<'_> {
     /// end of its travel to be parked. An axis that homes on the shell's side is left where it is. One whose place is not known
     /// is homed, where no shell is in its way.
     pub(super) async fn withdraw_e(&mut self, plan: &Plan) -> Result<(), JobEnd> {
-        if self.motion.position_mm(AxisName::E).is_err() {
-            self.context.log("where the e axis stands is not known: it is homed");
-            self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
-        }
+        self.home_where_lost(AxisName::E).await?;
         let nearer_mm = plan.mount_e_mm - self.motion.position_mm(AxisName::E)?;
         if nearer_mm.abs() <= plan.e_tolerance_mm {
             return Ok(());
@@ -242,10 +253,33 @@ impl Alignment<'_> {
     ) -> Result<(), JobEnd> {
         let view = InView::after(&setup, self.eye.aimed().equivalent_distance);
         self.eye.see(view.map(|_| InView::Unknown));
-        let asked = self.context.ask(name, instruction, value, setup).await;
+        // After these the axes are homed, or are where the operator's hand has left them.
+        let needs_places = !matches!(setup, Setup::Diffuser | Setup::LeastE { .. } | Setup::ShellOff);
+        let asked = tokio::select! {
+            asked = self.context.ask(name, instruction, value, setup) => asked,
+            lost = self.lost(), if needs_places => Err(lost),
+        };
         // Not confirmed, it is anything: no board that was asked for.
         self.eye.see(view.map(|view| if asked.is_ok() { view } else { InView::Other }));
         asked
+    }
+
+    /// Waits until an axis that is homed is so no more: nobody is to set up what the job can no longer use.
+    async fn lost(&self) -> JobEnd {
+        let gone = AxisName::ALL.map(|axis| {
+            let mut state = self.eye.bench().stage(axis).state();
+            Box::pin(async move {
+                let homed = state.borrow().homed;
+                if !homed || state.wait_for(|state| state.connected && !state.homed).await.is_err() {
+                    std::future::pending::<()>().await;
+                }
+                axis
+            })
+        });
+        let (axis, ..) = futures_util::future::select_all(gone).await;
+        JobEnd::failed(format!(
+            "where the {axis} axis stands was lost while the operator was at work: its controller was off, or its line"
+        ))
     }
 
     /// Has another white frame taken where the one that there is fits no more.
