@@ -64,10 +64,12 @@ impl Alignment<'_> {
         })?;
         self.motion.set_l_bound(l_bound_mm, Contact { e_mm: least_e, measured_sigma_mm: Some(contact_sigma) });
         self.findings.l_bound_sigma_mm = Some(sigma);
+        // No minus before nothing.
+        let said_mm = (100.0 * l_bound_mm).round() / 100.0 + 0.0;
         let note = format!(
             "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
             camera.slope_e(least_e, 0.0).abs(),
-            l_bound_mm
+            said_mm
         );
         self.note(note);
         // A controller that can switch off all of its motors only has lost the other axis, too.

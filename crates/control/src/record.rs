@@ -94,7 +94,11 @@ impl Alignment<'_> {
     pub(super) fn keep_shell_done(&mut self, shell: &ShellLoop, step: ShellStep) {
         let how = match (step, shell.trimmed()) {
             (_, true) => {
-                let at = if shell.held_off() { "where it is known to be clear of the shell" } else { "at its optimum" };
+                let at = match (shell.held_off(), shell.walled_off()) {
+                    (true, _) => "where it is known to be clear of the shell",
+                    (false, true) => "at the wall, further from the shell than wanted",
+                    (false, false) => "at its optimum",
+                };
                 let trim_mm = self.findings.trim_mm;
                 format!("e held {at}, Δv trimmed by {trim_mm:+.4} mm (Eq. 8 with e fixed)")
             }

@@ -127,9 +127,11 @@ pub(super) fn report(
     if context.snapshot().simulated {
         notes.insert(0, "SIMULATED: no real device was driven".to_owned());
     }
-    notes.push(
-        "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
-    );
+    if tilt_px.is_some() && slope.is_some() {
+        notes.push(
+            "tilt is between lens and MLA only if the board is square to the axis and the shell centred: turn the board by 180° before naming the cause".to_owned(),
+        );
+    }
     notes.extend(measured.filter(|_| seen.is_none()).map(|seen| before_last_move(seen, findings, readbacks_mm)));
     notes.extend(budget.iter().flat_map(|budget| budget.contradictions.clone()));
     let truth = context.truth().map(|mut truth| {

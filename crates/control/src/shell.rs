@@ -274,6 +274,15 @@ impl ShellLoop {
         self.held_off
     }
 
+    /// Whether the wall, which is of the axis's reading, keeps e from its optimum.
+    #[must_use]
+    pub fn walled_off(&self) -> bool {
+        let Some(here) = self.here() else { return false };
+        let (e, sigma) = self.model.predict(here.e_reading_mm);
+        let at_wall = here.e_reading_mm - self.goal.wall_mm <= self.goal.tolerance_mm;
+        at_wall && e - self.goal.e_mm > self.goal.tolerance_mm.max(2.0 * sigma)
+    }
+
     /// Takes in a measurement and decides. `room` is the room between lens and shell once what was measured at this pose is
     /// known: without one nothing goes towards the shell.
     pub fn next(

@@ -29,6 +29,7 @@ struct Outcome {
     least_reading: f64,
     spacing: f64,
     e: f64,
+    walled_off: bool,
 }
 
 /// Runs the loop against a bench: true e of a reading, and what the air step left of Δv: a residual that it knows
@@ -65,6 +66,7 @@ fn run_sticking(
         least_reading: least(&|reading| reading),
         spacing: camera.spacing_px(e, truly),
         e,
+        walled_off: shell.walled_off(),
         decisions: turns.into_iter().map(|(_, decision)| decision).collect(),
     }
 }
@@ -165,6 +167,15 @@ fn beyond_the_wall_the_papers_loop_ends_and_ours_trims() {
     let held = run(ShellStep::HoldETrim, |q| q, 0.01, 0.0, 0.004);
     assert_eq!(held.decisions.last(), Some(&ShellDecision::Done), "{:?}", held.decisions);
     assert!(held.decisions.iter().any(|d| matches!(d, ShellDecision::Trim { .. })));
+    assert!(!ours.walled_off && !held.walled_off);
+}
+
+/// The wall is of the axis's reading: an axis that goes less far than it reads comes to it before e is where it is wanted.
+#[test]
+fn an_axis_that_is_at_the_wall_before_its_optimum_says_so() {
+    let held = run(ShellStep::HoldETrim, |q| 30.0 - 0.9 * (30.0 - q), 0.0, 0.0, 0.004);
+    assert_eq!(held.decisions.last(), Some(&ShellDecision::Done), "{:?}", held.decisions);
+    assert!(held.walled_off && held.e > 2.5, "{}", held.e);
 }
 
 /// A carriage that arrives up to a hundredth of a millimetre short of its reading is trimmed again; one that never moves
