@@ -109,9 +109,10 @@ export function pixelsPer(pxPerMm: number, unit: LengthUnit, digits: number): st
     : `${fixed(pxPerMm / UM_IN_MM, digits + FEWER)} px/µm`;
 }
 
-/** Pixels an hour. */
-export function pixelsAnHour(px: number, digits: number): string {
-  return `${fixed(px, digits)} px/h`;
+/** Pixels an hour, with their standard uncertainty where it is told. */
+export function pixelsAnHour(px: number, sigma: number | null | undefined, digits: number): string {
+  const known = typeof sigma === "number" ? ` ± ${fixed(sigma, digits)}` : "";
+  return `${fixed(px, digits)}${known} px/h`;
 }
 
 /** An angle. */

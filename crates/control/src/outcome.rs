@@ -78,6 +78,9 @@ pub enum Outcome {
         scatter_px: f64,
         /// That line's slope, px per hour.
         drift_px_per_h: f64,
+        /// Its standard uncertainty by the scatter about the line, px per hour; `null` where too little was measured to tell.
+        #[serde(default)]
+        drift_sigma_px_per_h: Option<f64>,
         /// Least spacing, px.
         least_px: f64,
         /// Greatest spacing, px.

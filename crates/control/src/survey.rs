@@ -320,12 +320,14 @@ fn watched(samples: &[Sample], unmeasured: u32) -> Outcome {
         samples.iter().map(|sample| (sample.spacing_px - mean_px - slope * (sample.at - mean_at)).powi(2)).sum();
     let least = samples.iter().map(|sample| sample.spacing_px).fold(f64::INFINITY, f64::min);
     let greatest = samples.iter().map(|sample| sample.spacing_px).fold(f64::NEG_INFINITY, f64::max);
+    let scatter_px = (samples.len() > 2).then(|| (square / (count - 2.0)).sqrt());
     Outcome::SpacingWatch {
         measured: samples.len() as u32,
         unmeasured,
         mean_px,
-        scatter_px: if samples.len() > 2 { (square / (count - 2.0)).sqrt() } else { 0.0 },
+        scatter_px: scatter_px.unwrap_or(0.0),
         drift_px_per_h: slope,
+        drift_sigma_px_per_h: scatter_px.filter(|_| spread > 0.0).map(|scatter_px| scatter_px / spread.sqrt()),
         least_px: least,
         greatest_px: greatest,
     }
@@ -367,10 +369,24 @@ mod tests {
         let samples: Vec<Sample> = (0..10)
             .map(|i| sample(f64::from(i), 20.0 + 0.1 * f64::from(i) + if i % 2 == 0 { 0.01 } else { -0.01 }))
             .collect();
-        let Outcome::SpacingWatch { measured, unmeasured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } =
-            watched(&samples, 2)
+        let Outcome::SpacingWatch {
+            measured,
+            unmeasured,
+            mean_px,
+            scatter_px,
+            drift_px_per_h,
+            drift_sigma_px_per_h,
+            least_px,
+            greatest_px,
+        } = watched(&samples, 2)
         else {
             panic!("another outcome");
+        };
+        // Ten times an hour apart spread by 82.5 h².
+        let sigma = scatter_px / 82.5f64.sqrt();
+        assert!((drift_sigma_px_per_h.unwrap() - sigma).abs() < 1e-12, "{drift_sigma_px_per_h:?}");
+        let Outcome::SpacingWatch { drift_sigma_px_per_h: None, .. } = watched(&samples[..2], 0) else {
+            panic!("two tell no scatter");
         };
         assert_eq!((measured, unmeasured), (10, 2));
         assert!((mean_px - 20.45).abs() < 1e-9 && (drift_px_per_h - 0.1).abs() < 0.002, "{drift_px_per_h}");

@@ -57,12 +57,22 @@ pub(crate) fn outcome_figures(outcome: &Outcome) -> Vec<(&'static str, String)> 
                 ("measured", format!("{measured} of {positions} positions")),
             ]
         }
-        Outcome::SpacingWatch { measured, unmeasured, mean_px, scatter_px, drift_px_per_h, least_px, greatest_px } => {
+        Outcome::SpacingWatch {
+            measured,
+            unmeasured,
+            mean_px,
+            scatter_px,
+            drift_px_per_h,
+            drift_sigma_px_per_h,
+            least_px,
+            greatest_px,
+        } => {
+            let sigma = drift_sigma_px_per_h.map_or_else(String::new, |sigma| format!(" ± {sigma:.4}"));
             vec![
                 ("mean", format!("{mean_px:.4} px")),
                 ("scatter", format!("{scatter_px:.4} px")),
                 ("between", format!("{least_px:.4} and {greatest_px:.4} px")),
-                ("drift", format!("{drift_px_per_h:+.4} px/h")),
+                ("drift", format!("{drift_px_per_h:+.4}{sigma} px/h")),
                 ("measured", format!("{measured} of {} times", measured + unmeasured)),
             ]
         }

@@ -4770,6 +4770,11 @@ export interface components {
           drift_px_per_h: number;
           /**
            * Format: double
+           * @description Its standard uncertainty by the scatter about the line, px per hour; `null` where too little was measured to tell.
+           */
+          drift_sigma_px_per_h?: number | null;
+          /**
+           * Format: double
            * @description Greatest spacing, px.
            */
           greatest_px: number;

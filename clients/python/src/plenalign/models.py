@@ -1467,6 +1467,10 @@ class SpacingWatchOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True,
 
     drift_px_per_h: float
     """That line's slope, px per hour."""
+    drift_sigma_px_per_h: float | None = None
+    """Its standard uncertainty by the scatter about the line, px per hour; `null` where too little was measured to
+    tell.
+    """
     greatest_px: float
     """Greatest spacing, px."""
     least_px: float

@@ -60,7 +60,7 @@ function rows(found: Found, unit: LengthUnit): [string, string][] {
         [words.mean, pixels(found.mean_px, 4)],
         [words.scatter, pixels(found.scatter_px, 4)],
         [words.between, strings.report.fromTo(pixels(found.least_px, 4), pixels(found.greatest_px, 4))],
-        [words.drift, pixelsAnHour(found.drift_px_per_h, 4)],
+        [words.drift, pixelsAnHour(found.drift_px_per_h, found.drift_sigma_px_per_h, 4)],
         [words.measured, words.measuredOfTimes(found.measured, found.measured + (found.unmeasured ?? 0))],
       ];
   }
