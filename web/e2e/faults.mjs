@@ -73,17 +73,17 @@ try {
   });
 
   step("whatever the header has to say, the meter by itself is seen below it");
-  const meter = await browser.newPage({ viewport: { width: 1280, height: 800 } });
-  await meter.goto(new URL("#/meter", address).href);
-  await meter.locator("#camera-gone").waitFor();
-  await meter.locator("#stage-gone").waitFor();
-  const room = await meter.evaluate(() => [document.documentElement.scrollHeight, innerHeight]);
+  const alone = await browser.newPage({ viewport: { width: 1280, height: 800 } });
+  await alone.goto(new URL("#/meter", address).href);
+  await alone.locator("#camera-gone").waitFor();
+  await alone.locator("#stage-gone").waitFor();
+  const room = await alone.evaluate(() => [document.documentElement.scrollHeight, innerHeight]);
   assert(room[0] <= room[1], `${room[0]} px on a screen of ${room[1]}`);
-  const { top, bottom } = await meter
+  const { top, bottom } = await alone
     .locator(".huge .number")
     .evaluate((number) => number.getBoundingClientRect().toJSON());
   assert(top > 0 && bottom < 800 && bottom - top > 80, `from ${top} to ${bottom}`);
-  await meter.close();
+  await alone.close();
 
   step("a page opened later shows what is wrong; made good, the picture comes back by itself");
   const other = await browser.newPage({ viewport: { width: 1024, height: 900 } });

@@ -466,7 +466,9 @@ export function meterAge(state: State, now: number): number | null {
 export function isMeterOld(state: State, now: number): boolean {
   const word = wordOf(state);
   if (!word) return false;
-  return state.missing?.is === "refused" || state.link !== "open" || wordAge(state, word, now) > word.oldMs;
+  const ended =
+    state.missing?.is === "refused" || state.link !== "open" || state.bench?.camera.online === false;
+  return ended || wordAge(state, word, now) > word.oldMs;
 }
 
 export type PictureState = "none" | "fresh" | "stale";

@@ -4,19 +4,34 @@ import type { Missing } from "./reading";
 import { jobUnderWay, type State } from "./state";
 import { strings } from "./strings";
 
-/** Why in words, and whether they are the daemon's. */
 export interface Why {
+  /** What is the matter. */
+  what: string;
+  /** Why, and whether these are the daemon's words. */
   text: string;
   daemons: boolean;
+  /** Whether there may be a spacing, which is looked for. */
+  sought: boolean;
+  /** What the daemon says besides, which may be the cause. */
+  besides: string | null;
 }
 
 /** Why the newest frame has none. A board of several levels, or none, before the lens says more than what the frame shows. */
 export function whyMissing(missing: Missing, { bench }: Pick<State, "bench">): Why {
   const words = strings.meter;
-  if (missing.is === "lost" && bench?.in_view === "stepped_board")
-    return { text: words.overSteps, daemons: false };
-  if (missing.is === "lost" && bench?.in_view === "other") return { text: words.overNone, daemons: false };
-  return { text: missing.why, daemons: true };
+  const lost = missing.is === "lost";
+  const what = words.missing[missing.is];
+  if (lost && bench?.in_view === "stepped_board")
+    return { what, text: words.overSteps, daemons: false, sought: true, besides: missing.why };
+  if (lost && bench?.in_view === "other")
+    return {
+      what: words.missing.refused,
+      text: words.overNone,
+      daemons: false,
+      sought: false,
+      besides: null,
+    };
+  return { what, text: missing.why, daemons: true, sought: lost, besides: null };
 }
 
 /** What stands where nothing has been read. */

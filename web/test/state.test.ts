@@ -286,7 +286,7 @@ describe("what the meter reads, frame by frame", () => {
     ).toBeNull();
   });
 
-  it("is old after a second without it, and at once where a frame cannot be measured", () => {
+  it("is old after a second without it, and at once where a frame cannot be measured, or none comes", () => {
     const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
     expect([meterAge(read, 3150), isMeterOld(read, 3999)]).toEqual([150, false]);
     expect(isMeterOld(read, 4001)).toBe(true);
@@ -300,6 +300,8 @@ describe("what the meter reads, frame by frame", () => {
       false,
       true,
     ]);
+    const unplugged = { ...lost, bench: { ...bench, camera: { ...bench.camera, online: false } } };
+    expect(isMeterOld(unplugged, 3200)).toBe(true);
     const whole = measured(open(), second(3), 3050);
     expect([isMeterOld(whole, 8000), isMeterOld(whole, 8100)]).toEqual([false, true]);
   });

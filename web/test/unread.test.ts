@@ -20,14 +20,28 @@ describe("what is said where nothing is read", () => {
   });
 
   it("is why: of a board of several levels and of none before the lens, that", () => {
-    expect(whyMissing(missing, over("flat_board"))).toEqual({ text: "the board went", daemons: true });
-    expect(whyMissing(missing, over("stepped_board")).text).toBe(strings.meter.overSteps);
-    expect(whyMissing(missing, over("other"))).toEqual({ text: strings.meter.overNone, daemons: false });
+    const sought = {
+      what: strings.meter.missing.lost,
+      text: "the board went",
+      daemons: true,
+      sought: true,
+      besides: null,
+    };
+    expect(whyMissing(missing, over("flat_board"))).toEqual(sought);
+    const steps = whyMissing(missing, over("stepped_board"));
+    expect([steps.text, steps.besides]).toEqual([strings.meter.overSteps, "the board went"]);
+    expect(whyMissing(missing, over("other"))).toEqual({
+      what: strings.meter.missing.refused,
+      text: strings.meter.overNone,
+      daemons: false,
+      sought: false,
+      besides: null,
+    });
     for (const view of ["other", "stepped_board"] as const) {
       const refused = whyMissing({ ...missing, is: "refused", why: "dark" }, over(view));
-      expect(refused).toEqual({ text: "dark", daemons: true });
+      expect(refused).toMatchObject({ text: "dark", daemons: true, sought: false });
     }
-    expect(whyMissing(missing, initial)).toEqual({ text: "the board went", daemons: true });
+    expect(whyMissing(missing, initial)).toEqual(sought);
   });
 
   it("is that a job has not come to it yet, and not how to begin one", () => {

@@ -159,7 +159,7 @@ export const meter: typeof en.meter = {
   ends: { smaller: "zu klein", larger: "zu groß" },
   best: (difference) => `Bestwert ${difference} px`,
   bestMore: (focus, e) => `bei Fokus ${focus}, e ${e}`,
-  bestNowhere: "gemessen, während eine Achse fuhr oder keine eine Stellung hatte",
+  bestNowhere: "gemessen, während eine Achse fuhr oder ihre Stellung unbekannt war",
   bestReset: "Bestwert löschen",
   tilt: (angle) => `Verkippung ${angle}`,
   tiltMore: (where) => `der Punktabstand wächst nach ${where}`,

@@ -168,7 +168,7 @@ export const meter = {
   ends: { smaller: "too small", larger: "too large" },
   best: (difference: string) => `Best ${difference} px`,
   bestMore: (focus: string, e: string) => `at focus ${focus}, e ${e}`,
-  bestNowhere: "read while an axis moved, or where no axis has a place",
+  bestNowhere: "read while an axis moved, or had no known place",
   bestReset: "Reset the best",
   tilt: (angle: string) => `Tilt ${angle}`,
   tiltMore: (where: string) => `the spacing grows towards the ${where}`,

@@ -23,12 +23,11 @@ export function Meter(earlier: Given) {
   const { state, now: clock } = given;
   const shown = useShown(given);
   if (isBeingSetUp(state.bench, jobUnderWay(state))) return <BeingSetUp />;
-  const { reading: now, missing, why, old, ageMs: age, difference, words, wanted } = shown;
+  const { reading: now, missing, why, old, ageMs: age, figure: large, words, wanted } = shown;
   const target = missing ?? state.reading;
   // What is of no one board is no figure to go by.
   const figure = now && isOfOne(now) ? now : null;
   if (!target) return <Nothing {...given} />;
-  const large = missing?.is === "lost" ? strings.meter.lost : difference;
   const several = ofSeveral(state.reading) !== null;
   const leaning = tilt(state.design, state.reading, state.widthPx);
   return (
@@ -84,10 +83,10 @@ export function Meter(earlier: Given) {
         blurPx={state.design?.blur_limit_px ?? null}
         tolerancePx={target.tolerancePx}
       />
-      {missing && (
+      {why && (
         <p class="advice">
-          <b>{strings.meter.missing[missing.is]}:</b>{" "}
-          <small lang={why?.daemons ? "en" : undefined}>{why?.text}</small>
+          <b>{why.what}:</b> <small lang={why.daemons ? "en" : undefined}>{why.text}</small>
+          {why.besides && <small lang="en">{why.besides}</small>}
         </p>
       )}
       {!missing && now && words && wanted && (

@@ -37,7 +37,7 @@ export function readAloud(large: string): string {
 
 /** Words that stand before others, with the mark that ends them. */
 export function sentence(words: string): string {
-  return words.endsWith("?") ? words : `${words}.`;
+  return /[?:]$/.test(words) ? words : `${words}.`;
 }
 
 export interface Shown {
@@ -49,7 +49,7 @@ export interface Shown {
   old: boolean;
   ageMs: number | null;
   /** The spacing of one board less its target, or what stands in its place. */
-  difference: string;
+  figure: string;
   /** What it is, in words. */
   words: string | null;
   /** Whether it is called in focus. */
@@ -94,13 +94,15 @@ export function useShown({ state, now }: Given): Shown {
   const reading = missing?.is === "lost" ? null : state.reading;
   if (reading) held.places = steadyDigits(reading.sigmaPx, held.places);
   const old = isMeterOld(state, now);
+  const why = missing && whyMissing(missing, state);
+  const difference = reading && isOfOne(reading) ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE;
   return {
     reading,
     missing,
-    why: missing && whyMissing(missing, state),
+    why,
     old,
     ageMs: meterAge(state, now),
-    difference: reading && isOfOne(reading) ? signed(reading.differencePx, held.places ?? 0) : NO_FIGURE,
+    figure: why?.sought ? strings.meter.lost : difference,
     words: reading && inWords(reading),
     inFocus: reading !== null && !old && isCalledInFocus(reading),
     wanted: reading && order(state, reading, old),

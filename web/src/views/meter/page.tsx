@@ -24,11 +24,11 @@ export function MeterPage(earlier: Given) {
   const settingUp = isBeingSetUp(state.bench, job);
   const { missing, why, old, ageMs, words, wanted, inFocus } = shown;
   const reading = settingUp ? null : shown.reading;
-  const figure = settingUp ? NO_FIGURE : missing?.is === "lost" ? strings.meter.lost : shown.difference;
+  const figure = settingUp ? NO_FIGURE : shown.figure;
   const says = settingUp
     ? { of: strings.meter.beingSetUp, more: strings.meter.beingSetUpMore }
-    : missing
-      ? { of: strings.meter.missing[missing.is], more: why?.text ?? "" }
+    : why
+      ? { of: `${why.what}:`, more: why.text }
       : reading
         ? { of: words ?? "", more: wanted?.main ?? "" }
         : { of: nothingRead(state), more: state.bench && !job ? strings.meter.noneMore : "" };
@@ -70,7 +70,8 @@ export function MeterPage(earlier: Given) {
       </p>
       <p class="advice">
         <b>{sentence(says.of)}</b>{" "}
-        <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>
+        <span lang={why?.daemons && !settingUp ? "en" : undefined}>{says.more}</span>{" "}
+        {!settingUp && why?.besides && <span lang="en">({why.besides})</span>}
       </p>
       <p class="quiet exact">
         {reading &&
