@@ -140,7 +140,7 @@ try {
   await page.locator(".turn .ask", { hasText: "Cancel the job?" }).waitFor();
   await page.getByRole("button", { name: "Let it go on" }).dblclick();
   await page.locator(".turn .ask").waitFor({ state: "detached" });
-  await fullDisk(page, address);
+  await withoutDiskOrCamera(page, address);
   const prompts = await answer(page, (confirm) => confirm.dblclick(), {
     meanwhile: (prompt) => (prompt === 2 ? whiteFrameAgain(page) : undefined),
   });
@@ -507,8 +507,8 @@ try {
   place.remove();
 }
 
-/** While the disk is full a prompt takes no answer, as the job would end at its next move, and says so. */
-async function fullDisk(page, address) {
+/** While the disk is full, or the camera gone, a prompt takes no answer, as the job would end by it, and says so. */
+async function withoutDiskOrCamera(page, address) {
   const faults = async (data) => {
     const answer = await page.request.put(new URL("/api/v1/simulation/faults", address).href, { data });
     assert.equal(answer.status(), 200, await answer.text());
@@ -517,6 +517,10 @@ async function fullDisk(page, address) {
   await page.locator("#confirm[aria-disabled=true]").waitFor();
   await page.locator(".turn .fault", { hasText: "when the history can be written again" }).waitFor();
   await photograph(page, "disk-full");
+  // One fault takes the place of the other.
+  await faults({ camera: { unplugged: true } });
+  await page.locator(".turn .fault", { hasText: "when the camera and both axes answer again" }).waitFor();
+  assert.equal(await page.locator("#confirm").getAttribute("aria-disabled"), "true");
   await faults({});
   await page.locator("#confirm:not([aria-disabled=true])").waitFor();
 }

@@ -19,6 +19,7 @@ export const job: typeof en.job = {
   recordMore:
     "Jedes Bild, jede Messung und jede Entscheidung in eine Datei schreiben, zum Abspielen oder für Foxglove",
   recording: "Aufzeichnung",
+  recordingNow: "wird aufgezeichnet",
   recordingCut: "Aufzeichnung, abgeschnitten",
   kinds: {
     joint_alignment: "Gemeinsame Justage",
@@ -119,6 +120,8 @@ export const job: typeof en.job = {
   itsTurn: "Läuft: für Sie nichts zu tun",
   confirm: "Erledigt",
   notKept: "Bestätigen, sobald sich der Verlauf wieder schreiben lässt: Vorher fährt nichts.",
+  notHere:
+    "Bestätigen, sobald die Kamera und beide Achsen wieder antworten: Ohne sie würde der Auftrag enden.",
   noKey: (owner) =>
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",

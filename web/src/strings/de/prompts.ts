@@ -16,7 +16,7 @@ const PROMPTS: Record<string, (value: string) => string> = {
     `Streuscheibe abnehmen. Mit montierter Kugelschale und vollem Becken die ebene Tafel auf ${value} stellen, gemessen vom äußeren Scheitel der Kugelschale.`,
   least_e_by_hand: (value) =>
     `Der Motor der e-Achse ist aus. Kugelschale montieren, Becken füllen, die ebene Tafel auf ${value} stellen, gemessen vom äußeren Scheitel der Kugelschale, und die Kamera von Hand so nah an die Kugelschale schieben, wie es die Fassung der Hauptlinse zulässt.`,
-  shell_off: () => "Kugelschale abnehmen und Becken wegstellen; die e-Achse fährt danach neu auf Referenz.",
+  shell_off: () => "Kugelschale abnehmen und Becken wegstellen; beide Achsen fahren danach neu auf Referenz.",
 };
 
 export const prompt: typeof en.prompt = (name, value) => PROMPTS[name]?.(value) ?? null;

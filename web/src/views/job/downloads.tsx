@@ -19,7 +19,8 @@ export function Downloads({ href, recording }: Props) {
       <a href={`${href}/export.json`} download>
         {strings.job.json}
       </a>
-      {recording && (
+      {recording?.state === "recording" && <span class="quiet">{strings.job.recordingNow}</span>}
+      {recording && recording.state !== "recording" && (
         <a href={`${href}/recording`} title={recording.fault ?? recording.file} download>
           {recording.state === "complete" ? strings.job.recording : strings.job.recordingCut}
         </a>

@@ -26,8 +26,10 @@ export function Turn(given: Given & { job: Job }) {
   const [sent, send] = useState<number | null>(null);
   const [leaving, leave] = useAsked<true>(job.state !== "cancelling" && able(state, "control"));
   const settled = useSettled(confirmable && step ? step.number : null);
-  const kept = !state.bench?.history_fault;
-  const ready = settled && sent !== step?.number && able(state, "control") && kept;
+  const { bench } = state;
+  const kept = !bench?.history_fault;
+  const here = !bench || (bench.camera.online && bench.axes.every((axis) => axis.connected));
+  const ready = settled && sent !== step?.number && able(state, "control") && kept && here;
   const box = useRef<HTMLDivElement>(null);
   const done = useRef<HTMLButtonElement>(null);
   useEffect(() => keepFocus(box.current, done.current), [step?.number, confirmable, leaving]);
@@ -82,6 +84,7 @@ export function Turn(given: Given & { job: Job }) {
         />
       )}
       {confirmable && !kept && <p class="fault">{strings.job.notKept}</p>}
+      {confirmable && !here && <p class="fault">{strings.job.notHere}</p>}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
       {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
