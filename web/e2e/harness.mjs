@@ -98,6 +98,13 @@ export async function open(page, name) {
 /** Resets the stop on a page, for a reason. */
 export async function resetStop(page, why) {
   await page.locator("#reset").click();
+  // Thought better of, it is as before: for the keyboard, too.
+  await page
+    .getByRole("button", { name: "Stay stopped" })
+    .and(page.locator("[aria-disabled=false]"))
+    .waitFor();
+  await page.locator("#why").press("Escape");
+  await page.locator("#reset:focus").press("Enter");
   assert(await page.locator("#reset-now").isDisabled(), "a reset is offered without a reason");
   await page.locator("#why").fill(why);
   await page.locator("#reset-now").click();

@@ -18,10 +18,21 @@ export function Ask({ question, yes, no, answer }: Props) {
   const stay = useRef<HTMLButtonElement>(null);
   // Its words may go on changing: a position in them does.
   const settled = useSettled("asked");
-  useEffect(() => stay.current?.focus(), []);
+  const box = useRef<HTMLDivElement>(null);
+  useEffect(() => {
+    const from = document.activeElement;
+    const asked = box.current;
+    stay.current?.focus();
+    // Back to what asked, unless the focus has gone elsewhere or that is no more.
+    return () => {
+      const within = asked?.contains(document.activeElement) ?? false;
+      if (within && from instanceof HTMLElement && from.isConnected) from.focus({ preventScroll: true });
+    };
+  }, []);
   const say = (way: number | null) => settled && answer(way !== null, way ?? 0);
   return (
     <div
+      ref={box}
       class="ask"
       role="alertdialog"
       aria-label={question}

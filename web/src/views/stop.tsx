@@ -2,7 +2,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../api";
 import { clock } from "../format";
 import { called } from "../names";
-import { able, newsOfReset } from "../state";
+import { able, may, newsOfReset } from "../state";
 import { SPACE, type StopKey } from "../stop-key";
 import { stop } from "../stopping";
 import { strings } from "../strings";
@@ -98,7 +98,13 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
   const sent = stop.delivery ?? state.stopSent;
   const settled = useSettled(asking ? "asking" : null);
   const reason = useRef<HTMLInputElement>(null);
-  useEffect(() => (asking ? reason.current?.focus() : undefined), [asking]);
+  const [held] = useState({ asking });
+  useEffect(() => {
+    if (asking) reason.current?.focus();
+    else if (held.asking) document.getElementById("reset")?.focus({ preventScroll: true });
+    held.asking = asking;
+  }, [asking]);
+  const stay = () => settled && ask(false);
   const submit = async (event: Event) => {
     event.preventDefault();
     const asked = api.resetStop(why.trim());
@@ -116,10 +122,15 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
         {unread && `${strings.stop.unread(unread)} `}
         {sent && strings.stop.sent(strings.stop.delivery[sent.focus], strings.stop.delivery[sent.e])}{" "}
         {state.stopSent && !state.stopSent.kept && `${strings.stop.notKept} `}
-        {strings.stop.stoppedMore}
+        {strings.stop.stoppedMore} {state.session !== null && !may(state, "control") && strings.viewOnly}
       </p>
       {asking ? (
-        <form class="why" aria-label={strings.stop.reset} onSubmit={(event) => void submit(event)}>
+        <form
+          class="why"
+          aria-label={strings.stop.reset}
+          onSubmit={(event) => void submit(event)}
+          onKeyDown={({ key }) => key === "Escape" && stay()}
+        >
           <label>
             {strings.stop.why}{" "}
             <input
@@ -135,7 +146,7 @@ function Stopped({ state, act, update, stop }: Given & { stop: Bench["stop"] }) 
           <button type="submit" id="reset-now" disabled={why.trim() === "" || !able(state, "control")}>
             {strings.stop.reset}
           </button>
-          <button type="button" aria-disabled={!settled} onClick={() => settled && ask(false)}>
+          <button type="button" aria-disabled={!settled} onClick={stay}>
             {strings.stop.stay}
           </button>
         </form>

@@ -5,14 +5,16 @@ interface Props {
   set: (on: boolean) => void;
   title?: string;
   disabled?: boolean;
+  id?: string;
   children: ComponentChildren;
 }
 
 /** A button that is in or out. No checkbox: the space bar may be the stop key, and Enter does not reach a checkbox. */
-export function Toggle({ on, set, title, disabled, children }: Props) {
+export function Toggle({ on, set, title, disabled, id, children }: Props) {
   return (
     <button
       type="button"
+      id={id}
       class="toggle"
       aria-pressed={on}
       title={title}

@@ -37,7 +37,7 @@ export function Keeping({ state, act, update, large, enlarge }: Props) {
       <button type="button" title={words.rawMore} disabled={state.link !== "open"} onClick={() => void raw()}>
         {words.raw}
       </button>
-      <Toggle on={large} set={enlarge} title={words.fullMore}>
+      <Toggle id="enlarge" on={large} set={enlarge} title={words.fullMore}>
         {words.full}
       </Toggle>
     </span>

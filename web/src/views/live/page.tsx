@@ -44,6 +44,13 @@ export function LivePage(given: Given) {
 /** Whether the picture is alone on the page, on all of the screen where the browser has that. */
 function useLarge(): [boolean, (large: boolean) => void] {
   const [large, set] = useState(false);
+  const [held] = useState({ large });
+  useEffect(() => {
+    // The button is another one then.
+    const lost = held.large !== large && document.activeElement === document.body;
+    held.large = large;
+    if (lost) document.getElementById("enlarge")?.focus({ preventScroll: true });
+  }, [large]);
   useEffect(() => {
     // Escape gives the screen back.
     const changed = () => fullScreen.on || set(false);

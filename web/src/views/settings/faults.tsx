@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../api";
-import { able } from "../../state";
+import { able, may } from "../../state";
 import { numberOf } from "../../job-kinds";
 import { Newest } from "../../newest";
 import { strings } from "../../strings";
@@ -59,7 +59,7 @@ export function Faults({ state, act, load }: Given) {
           {words.good}
         </button>
       </h2>
-      <p class="quiet">{words.more}</p>
+      <p class="quiet">{may(state, "control") ? words.more : strings.viewOnly}</p>
       <p id="faults-state" class={any ? "fault" : ""}>
         {any ? words.some : planned ? words.noneYet : words.none}
       </p>
