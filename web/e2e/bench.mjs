@@ -122,6 +122,14 @@ try {
   assert(await ana.page.locator("#start").isDisabled(), "a clarity job is offered where the lens touches");
   await ana.page.locator('.start input[name="e_mm"]').fill("20");
   await ana.page.locator(".start #plan", { hasText: "e is held at 20.0 mm" }).waitFor();
+  // What is no one number is marked as it is typed, and nothing is said of another e.
+  await ana.page.locator('.start input[name="e_mm"]').fill("1,234");
+  await ana.page.locator('.start input[name="e_mm"][aria-invalid=true]').waitFor();
+  assert.equal(
+    await ana.page.locator(".start :is(#plan, .aim)").count(),
+    0,
+    "a plan for an e that nobody typed",
+  );
   await ana.page.locator("#kind").selectOption("homing");
   await ana.page.locator("#start").click();
   await ana.page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });

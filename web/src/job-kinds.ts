@@ -51,6 +51,9 @@ export const FIELDS: Record<JobKind, Field[]> = {
   homing: [{ is: "axes", name: "axes" }],
 };
 
+/** What is wrong with a draft, by the field. */
+export type Faults = Partial<Record<Field["name"] | "note", string>>;
+
 export const KINDS = Object.keys(FIELDS) as JobKind[];
 
 /** Measurements of a spacing watch, at most. */
@@ -83,8 +86,7 @@ type Filled = {
   axes?: AxisName[];
 } & Partial<Record<NumberField["name"], number>>;
 
-export type Checked =
-  { ok: true; request: JobRequest } | { ok: false; faults: Partial<Record<Field["name"] | "note", string>> };
+export type Checked = { ok: true; request: JobRequest } | { ok: false; faults: Faults };
 
 /** A thousand and more to one reader, and one and a fraction to another. */
 const AMBIGUOUS = /^[+-]?[1-9]\d{0,2},\d{3}$/;
@@ -103,7 +105,7 @@ export function numberOf(text: string): number {
 
 /** The request that a form of such fields filled in with lengths of `unit` makes, or what is wrong with it, field by field. */
 export function check(draft: Draft, fields: Field[], axes: Axis[], unit: LengthUnit): Checked {
-  const faults: Partial<Record<Field["name"] | "note", string>> = {};
+  const faults: Faults = {};
   const request: Filled = { kind: draft.kind };
   if (draft.note.trim() !== "") request.note = draft.note.trim();
   if (draft.record) request.record = true;

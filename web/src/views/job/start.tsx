@@ -10,6 +10,7 @@ import {
   numberOf,
   unless,
   type Draft,
+  type Faults,
   type NumberField,
 } from "../../job-kinds";
 import { able, may } from "../../state";
@@ -48,9 +49,15 @@ export function StartJob(given: Given) {
   const inWater = draft.kind === "focus_sweep" && state.bench?.shell === "on";
   const fields = FIELDS[draft.kind].filter(({ name }) => !(inWater && name === "distance_mm"));
   const checked = check(draft, fields, state.bench?.axes ?? [], unit);
-  const faults = tried && !checked.ok ? checked.faults : {};
+  // What nobody has typed yet is not wrong before it is to be started.
+  const isTyped = (name: string) => tried || draft.numbers[name as NumberField["name"]]?.trim();
+  const faults: Faults = checked.ok
+    ? {}
+    : Object.fromEntries(Object.entries(checked.faults).filter(([name]) => isTyped(name)));
   const means = implied(draft, state.bench?.axes ?? [], unit);
   const eMm = eOf(draft, unit);
+  // What is no number is not the default either.
+  const isUnread = faults.e_mm !== undefined && eMm === null;
   const plan = usePlan(PLANNED.includes(draft.kind), eMm, state);
   const change = (part: Partial<Draft>) => setDraft({ ...draft, ...part });
   const other = api.lease.other(state.bench?.lease);
@@ -102,8 +109,12 @@ export function StartJob(given: Given) {
           <li key={step}>{step}</li>
         ))}
       </ol>
-      <Aim kind={draft.kind} design={state.design} eMm={eMm} unit={unit} />
-      {plan && <PlanSummary plan={plan} kind={draft.kind} unit={unit} />}
+      {!isUnread && (
+        <>
+          <Aim kind={draft.kind} design={state.design} eMm={eMm} unit={unit} />
+          {plan && <PlanSummary plan={plan} kind={draft.kind} unit={unit} />}
+        </>
+      )}
       {fields.map((field) => {
         if (field.is === "number") {
           return (
