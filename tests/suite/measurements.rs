@@ -17,6 +17,8 @@ pub(crate) async fn with_white() -> Daemon {
     let mut config = small_config(1);
     config.bench.simulation.rays = 4;
     quick_axes(&mut config.bench);
+    // Whatever else the machine does, a long way of it takes longer than a frame and its measurement.
+    config.bench.e.speed_mm_per_s = 1.0;
     let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
     let daemon = Daemon::start_with(config, bench).await;
     let watch = json!({ "kind": "spacing_watch", "duration_s": 60.0, "interval_s": 30.0 });
@@ -54,7 +56,7 @@ async fn a_measurement_that_spans_motion_is_refused_or_says_so() {
     let time = |key: &str| at_rest[key].as_str().unwrap().parse::<jiff::Timestamp>().unwrap();
     assert!(time("exposed_from") < time("captured_at"));
 
-    // The e axis goes its way for seconds. The job's end may have cost its position.
+    // The e axis goes its way for 25 s. The job's end may have cost its position.
     let command = async |path: &str, body: &Value| {
         let response = daemon.command(Method::POST, path, body).await;
         assert_eq!(response.status(), StatusCode::ACCEPTED, "{}", response.text().await.unwrap());
