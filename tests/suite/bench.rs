@@ -83,9 +83,15 @@ pub(crate) fn rules(config: Config, bench: Bench) -> (Arc<Motion>, impl Fn() -> 
 
 /// The control lease, taken over from whatever the test had before.
 pub(crate) fn permit(service: &Service) -> Permit {
+    key_and_permit(service).1
+}
+
+/// The same with its key, by which what a job asks is confirmed.
+pub(crate) fn key_and_permit(service: &Service) -> (String, Permit) {
     let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
-    let grant = service.leases().take_over(request);
-    service.leases().permit(Some(&grant.key)).unwrap()
+    let key = service.leases().take_over(request).key;
+    let permit = service.leases().permit(Some(&key)).unwrap();
+    (key, permit)
 }
 
 /// Runs a job to its end.

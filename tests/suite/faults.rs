@@ -5,14 +5,13 @@ use std::time::Duration;
 
 use plenalign::control::events::{Event, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::lease::LeaseRequest;
 use plenalign::control::{Service, Shown, open_bench};
 use plenalign::device::faults::{Faults, PictureFault};
 use reqwest::Method;
 use serde_json::{Value, json};
 use tokio::task::JoinHandle;
 
-use super::bench::{align, permit, service, small_config};
+use super::bench::{align, key_and_permit, permit, service, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
@@ -107,10 +106,8 @@ async fn a_job_that_loses_an_axis_at_a_prompt_ends_there() {
     config.bench.simulation.operator_confirms = false;
     let service = service(config).await;
     let mut events = service.subscribe();
-    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
-    let key = service.leases().take_over(request).key;
+    let (key, permit) = key_and_permit(&service);
     let shown = Shown { lease: Some(&key), ..Shown::default() };
-    let permit = service.leases().permit(Some(&key)).unwrap();
     let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     let mut answered = 0;
     let job = loop {

@@ -5,14 +5,13 @@ use std::time::Duration;
 
 use plenalign::control::events::{InView, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::lease::LeaseRequest;
 use plenalign::control::replay::replay;
 use plenalign::control::steps::StepState;
 use plenalign::control::{Refusal, Service, ServiceError, Shown, history, open_bench};
 use plenalign::store::Store;
 use uuid::Uuid;
 
-use super::bench::{quick_axes, small_config};
+use super::bench::{key_and_permit, quick_axes, small_config};
 use super::until::{elapse, until, when};
 
 /// How long the operator takes for everything that is asked.
@@ -46,9 +45,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     let (config, store) = (Arc::new(config), Store::in_memory());
     let bench = open_bench(&config).await.unwrap();
     let service = Service::start(config, "a test's configuration".to_owned(), bench, store.clone());
-    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
-    let key = service.leases().take_over(request).key;
-    let permit = service.leases().permit(Some(&key)).unwrap();
+    let (key, permit) = key_and_permit(&service);
     let shown = Shown { lease: Some(&key), ..Shown::default() };
     let folder = tempfile::tempdir().unwrap();
     let file = folder.path().join("repeated.mcap");

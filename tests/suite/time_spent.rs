@@ -4,10 +4,9 @@ use std::time::Duration;
 
 use plenalign::control::Shown;
 use plenalign::control::job::{JobKind, JobRequest, JobState};
-use plenalign::control::lease::LeaseRequest;
 use tokio::time::Instant;
 
-use super::bench::{service, small_config};
+use super::bench::{key_and_permit, service, small_config};
 use super::until::{elapse, until, when};
 
 /// How long the operator takes for everything that is asked.
@@ -20,9 +19,7 @@ async fn a_report_says_where_all_of_the_time_went() {
     let mut config = small_config(6);
     config.bench.simulation.operator_confirms = false;
     let service = service(config.clone()).await;
-    let request = LeaseRequest { owner: "a test".to_owned(), note: None, ttl: Duration::from_secs(3600) };
-    let key = service.leases().take_over(request).key;
-    let permit = service.leases().permit(Some(&key)).unwrap();
+    let (key, permit) = key_and_permit(&service);
     let began = Instant::now();
     let id = service.create_job(&permit, JobRequest::of(JobKind::AirOnly)).await.unwrap().id;
     let (mut asked, mut seen) = (0, 0);
