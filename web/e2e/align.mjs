@@ -519,7 +519,11 @@ async function withoutDiskOrCamera(page, address) {
   await photograph(page, "disk-full");
   // One fault takes the place of the other.
   await faults({ camera: { unplugged: true } });
-  await page.locator(".turn .fault", { hasText: "when the camera and both axes answer again" }).waitFor();
+  await page
+    .locator(".turn .fault", {
+      hasText: "The camera gives no pictures: see to its cable and its power first.",
+    })
+    .waitFor();
   assert.equal(await page.locator("#confirm").getAttribute("aria-disabled"), "true");
   await faults({});
   await page.locator("#confirm:not([aria-disabled=true])").waitFor();

@@ -44,14 +44,22 @@ function unplugged(bench: Bench, asked: Asked): AxisName[] {
   return movedBy(asked).filter((axis) => bench.axes.some((one) => one.axis === axis && !one.connected));
 }
 
+/** What a job needs that is not there, and what to do first, in words. */
+export function absent(bench: Bench, asked: Asked): string[] {
+  const { plugFirst, cameraFirst } = strings.byHand;
+  return [
+    ...unplugged(bench, asked).map((axis) => plugFirst(strings.axis.short[axis])),
+    ...(asked.kind !== "homing" && !bench.camera.online ? [cameraFirst] : []),
+  ];
+}
+
 /** Why a job cannot begin, and what to do first, in words. */
 export function barred(bench: Bench, asked: Asked): string[] {
-  const { plugFirst, cameraFirst, leaveFirst, homeFirst, airFirst } = strings.byHand;
+  const { leaveFirst, homeFirst, airFirst } = strings.byHand;
   const { short } = strings.axis;
   const lost = unhomed(bench, asked);
   return [
-    ...unplugged(bench, asked).map((axis) => plugFirst(short[axis])),
-    ...(asked.kind !== "homing" && !bench.camera.online ? [cameraFirst] : []),
+    ...absent(bench, asked),
     ...switched(bench, asked).map((axis) => leaveFirst(short[axis])),
     ...(lost ? [homeFirst(short[lost])] : []),
     ...(asked.kind === "shell_only" && !bench.air_step_holds ? [airFirst] : []),

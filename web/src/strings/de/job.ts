@@ -120,8 +120,6 @@ export const job: typeof en.job = {
   itsTurn: "Läuft: für Sie nichts zu tun",
   confirm: "Erledigt",
   notKept: "Bestätigen, sobald sich der Verlauf wieder schreiben lässt: Vorher fährt nichts.",
-  notHere:
-    "Bestätigen, sobald die Kamera und beide Achsen wieder antworten: Ohne sie würde der Auftrag enden.",
   noKey: (owner) =>
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",

@@ -119,7 +119,6 @@ export const job = {
   itsTurn: "At work: nothing for you to do",
   confirm: "Done",
   notKept: "Confirm when the history can be written again: nothing is moved before.",
-  notHere: "Confirm when the camera and both axes answer again: without them the job would end.",
   noKey: (owner: string) =>
     `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,
   confirmKey: "Confirm key, or the link with it",

@@ -79,7 +79,7 @@ export function HistoryPage(given: Given) {
             </button>
           </p>
         )}
-        <p class="quiet choose">{strings.history.compareMore}</p>
+        <p class="quiet hint">{strings.history.compareMore}</p>
       </section>
       {chosen.length > 0 && <Compare {...given} ids={chosen} />}
     </div>

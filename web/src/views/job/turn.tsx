@@ -1,5 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../api";
+import { absent } from "../../barred";
 import { keyWithin } from "../../confirm-key";
 import { able, may, type State } from "../../state";
 import { called } from "../../names";
@@ -28,8 +29,8 @@ export function Turn(given: Given & { job: Job }) {
   const settled = useSettled(confirmable && step ? step.number : null);
   const { bench } = state;
   const kept = !bench?.history_fault;
-  const here = !bench || (bench.camera.online && bench.axes.every((axis) => axis.connected));
-  const ready = settled && sent !== step?.number && able(state, "control") && kept && here;
+  const missing = bench ? absent(bench, job.request) : [];
+  const ready = settled && sent !== step?.number && able(state, "control") && kept && missing.length === 0;
   const box = useRef<HTMLDivElement>(null);
   const done = useRef<HTMLButtonElement>(null);
   useEffect(() => keepFocus(box.current, done.current), [step?.number, confirmable, leaving]);
@@ -84,7 +85,12 @@ export function Turn(given: Given & { job: Job }) {
         />
       )}
       {confirmable && !kept && <p class="fault">{strings.job.notKept}</p>}
-      {confirmable && !here && <p class="fault">{strings.job.notHere}</p>}
+      {confirmable &&
+        missing.map((what) => (
+          <p class="fault" key={what}>
+            {what}
+          </p>
+        ))}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
       {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
