@@ -397,7 +397,8 @@ try {
 
   step("a daemon that is frozen is said to be lost, what may be old is marked so, and no command is offered");
   await open(ana.page, "Live");
-  await field.fill((await position("focus")) > 1.5 ? "-1.5" : "4.5");
+  const far = (await position("focus")) > 1.5 ? "-1.5" : "4.5";
+  await field.fill(far);
   await field.press("Enter");
   const question = ana.page.locator(".axes .ask");
   await question.waitFor();
@@ -414,6 +415,11 @@ try {
     .all()) {
     assert(await button.isDisabled(), `${await button.innerText()} is offered`);
   }
+  // What is being typed then is not lost: the focus is back where it was asked from.
+  await ana.page.keyboard.press("End");
+  await ana.page.keyboard.type("1");
+  await shows(field, `${far}1`);
+  assert(await exposure(ana.page).isEnabled());
   await open(ana.page, "Alignment");
   assert(await ana.page.locator("#start").isDisabled());
   step("but STOP is tried, and said not to be delivered");
@@ -568,7 +574,11 @@ function hold(page, axis, side) {
 /** Waits until a field has this in it. */
 async function shows(field, text) {
   await field.waitFor();
-  await until(async () => (await field.inputValue()) === text, `a field does not show ${text}`);
+  await until(
+    async () => (await field.inputValue()) === text,
+    async () =>
+      `a field shows ${await field.inputValue()} for ${text}; enabled: ${await field.isEnabled()}, focus: ${await field.evaluate(() => document.activeElement.outerHTML)}`,
+  );
 }
 
 /** Has a large move of the focus axis asked about with Enter, once the page takes commands. */

@@ -1,4 +1,4 @@
-import { useEffect, useRef } from "preact/hooks";
+import { useLayoutEffect, useRef } from "preact/hooks";
 import { onceHeld, useSettled } from "./settled";
 
 interface Props {
@@ -19,7 +19,8 @@ export function Ask({ question, yes, no, answer }: Props) {
   // Its words may go on changing: a position in them does.
   const settled = useSettled("asked");
   const box = useRef<HTMLDivElement>(null);
-  useEffect(() => {
+  // As it appears: a key pressed right after goes to where the focus is by then, which does not leave it any more.
+  useLayoutEffect(() => {
     const from = document.activeElement;
     const asked = box.current;
     stay.current?.focus();

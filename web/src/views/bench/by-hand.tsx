@@ -2,6 +2,7 @@ import { useState } from "preact/hooks";
 import * as api from "../../api";
 import { numberOf } from "../../job-kinds";
 import { isLarge, type Pace } from "../../pace";
+import { able } from "../../state";
 import { strings } from "../../strings";
 import { nearWall, placeOf, sideBeyond } from "../../travel";
 import { length, signedLength, toMm } from "../../units";
@@ -15,13 +16,15 @@ import { LeaveSwitch } from "./leave-switch";
 interface Props extends Given {
   axis: Axis;
   pace: Pace;
-  disabled: boolean;
+  /** Whether nobody may move it from here, be the daemon heard or not. */
+  closed: boolean;
 }
 
 /** Jog, step, go to, home; off a limit switch where one is pressed. */
-export function ByHand({ state, act, axis, pace, disabled }: Props) {
+export function ByHand({ state, act, axis, pace, closed }: Props) {
   const { unit, stepMm } = state.preferences;
   const [text, setText] = useState("");
+  const disabled = closed || !able(state, "control");
   const position = placeOf(axis);
   const name = strings.axis.short[axis.axis];
   const target = toMm(numberOf(text), unit);
@@ -80,7 +83,8 @@ export function ByHand({ state, act, axis, pace, disabled }: Props) {
           aria-label={strings.byHand.moveTo(name, unit)}
           aria-invalid={outside || unread}
           placeholder={`${strings.byHand.to}, ${unit}`}
-          disabled={disabled || position === null}
+          // What is being typed outlasts a connection that comes and goes.
+          disabled={closed || position === null}
           onInput={(event) => {
             setText(event.currentTarget.value);
             // It is of what stood there.

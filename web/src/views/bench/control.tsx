@@ -24,7 +24,7 @@ export function Bench(given: Given) {
   const other = api.lease.other(bench.lease);
   // Nothing is moved that the history could not be given.
   const hindered = Boolean(bench.job || bench.stop.latched || bench.history_fault);
-  const busy = hindered || !able(state, "control") || other !== null;
+  const closed = hindered || !commanding || other !== null;
   return (
     <section class="card axes" aria-label={strings.byHand.title}>
       <h2 class="unseen">{strings.byHand.title}</h2>
@@ -58,11 +58,11 @@ export function Bench(given: Given) {
       {bench.axes.map((axis) => (
         <div class="axis" data-axis={axis.axis} key={axis.axis}>
           <AxisScale bench={bench} axis={axis} unit={unit} />
-          <ByHand {...given} axis={axis} pace={pace} disabled={busy} />
+          <ByHand {...given} axis={axis} pace={pace} closed={closed} />
         </div>
       ))}
       <p class="quiet hint">{strings.byHand.hint}</p>
-      <Shell {...given} shell={bench.shell} disabled={busy} />
+      <Shell {...given} shell={bench.shell} disabled={closed || !able(state, "control")} />
     </section>
   );
 }

@@ -3,7 +3,7 @@ import * as api from "../../api";
 import { fixed } from "../../format";
 import { numberOf } from "../../job-kinds";
 import { another } from "../../names";
-import { able, may, type State } from "../../state";
+import { may, type State } from "../../state";
 import { strings } from "../../strings";
 import type { AutoExposure, Light, LightControl } from "../../wire";
 import { Old } from "../old";
@@ -27,11 +27,11 @@ function useLight(state: State): [Light | null, (light: Light) => void] {
   return [light, keep];
 }
 
-/** Why nothing can be set from here now; null where it can. */
+/** Why nothing can be set from here, be the daemon heard or not; null where it can. */
 function barred(state: State): string | null {
   const { bench } = state;
   const words = strings.camera.reason;
-  if (state.link !== "open" || !bench) return words.link;
+  if (!bench) return words.link;
   if (!may(state, "control")) return strings.viewOnly;
   if (!bench.camera.online) return words.gone;
   const other = api.lease.other(bench.lease);
@@ -47,10 +47,11 @@ export function CameraPanel(given: Given) {
   const [searching, search] = useState(false);
   // What is typed into a field is no more than that once another value was found for it.
   const [searches, count] = useState(0);
-  const why = barred(state);
+  const closed = barred(state);
+  const why = state.link === "open" ? closed : strings.camera.reason.link;
   const controls = light?.controls ?? [];
   const settable = controls.some(({ locked }) => locked == null);
-  const disabled = why !== null || searching || !able(state, "control");
+  const disabled = why !== null || searching;
 
   const set = async (control: LightControl, value: number) => {
     tell(null);
@@ -82,7 +83,13 @@ export function CameraPanel(given: Given) {
         <Old {...given} />
       </h2>
       {controls.map((control) => (
-        <Control key={`${control.name} ${searches}`} control={control} disabled={disabled} set={set} />
+        <Control
+          key={`${control.name} ${searches}`}
+          control={control}
+          closed={closed !== null || searching}
+          disabled={disabled}
+          set={set}
+        />
       ))}
       {light && controls.length === 0 && <p class="quiet">{strings.camera.none}</p>}
       {controls.length > 0 && (
@@ -120,6 +127,8 @@ export function CameraPanel(given: Given) {
 
 interface ControlProps {
   control: LightControl;
+  /** Whether nothing may be typed: what is outlasts a connection that comes and goes. */
+  closed: boolean;
   disabled: boolean;
   set: (control: LightControl, value: number) => Promise<boolean>;
 }
@@ -130,7 +139,7 @@ function said(value: number, { step }: LightControl): string {
 }
 
 /** A number with its limits, which is set by Enter, or by the button behind it. */
-function Control({ control, disabled, set }: ControlProps) {
+function Control({ control, closed, disabled, set }: ControlProps) {
   const now = control.value == null ? "" : said(control.value, control);
   const [typed, type] = useState<string | null>(null);
   const name = strings.camera.name[control.name];
@@ -161,7 +170,7 @@ function Control({ control, disabled, set }: ControlProps) {
           aria-label={strings.camera.field(name, unit)}
           aria-invalid={wrong}
           aria-describedby={`${control.name}-limits`}
-          disabled={disabled || locked !== null}
+          disabled={closed || locked !== null}
           onInput={(event) => type(event.currentTarget.value)}
         />
         <span>{unit}</span>
