@@ -144,7 +144,6 @@ export const design: typeof en.design = {
   thin: (name) => `${name}: dünn`,
   save: "In die Konfiguration übernehmen",
   saveMore: "Gilt ab dem nächsten Start des Dienstes.",
-  saved: (keys) => `Geschrieben: ${keys}. Gilt, sobald der Dienst neu gestartet ist.`,
   savedNothing: "In der Datei steht es schon so.",
   overtaken:
     "Nicht gespeichert: Die Datei ist geändert worden, seit diese Seite sie gelesen hat. Sie ist neu gelesen, mit dem Entwurf darüber: noch einmal speichern.",

@@ -37,6 +37,7 @@ export const settings: typeof en.settings = {
   checking: "Wird geprüft…",
   valid: "Gültig.",
   written: (keys) => `Geschrieben: ${keys}. Gilt, sobald der Dienst neu gestartet ist.`,
+  writtenBack: (keys) => `Geschrieben: ${keys}. So läuft der Dienst schon.`,
   locked: "nur am Rechner selbst änderbar",
   standard: (value) => `Standard ${value}`,
   noJson: "Kein gültiges JSON.",

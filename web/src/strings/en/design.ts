@@ -148,7 +148,6 @@ export const design = {
   thin: (name: string) => `${name}: thin`,
   save: "Save into the configuration",
   saveMore: "It takes effect when the daemon starts again.",
-  saved: (keys: string) => `Written: ${keys}. Start the daemon again for it to take effect.`,
   savedNothing: "The file says so already.",
   overtaken:
     "Not saved: the file had been changed since this page read it. It has been read again, with the draft over it: save once more.",

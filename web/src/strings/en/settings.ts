@@ -40,6 +40,7 @@ export const settings = {
   checking: "Checking…",
   valid: "It is valid.",
   written: (keys: string) => `Written: ${keys}. Start the daemon again for it to take effect.`,
+  writtenBack: (keys: string) => `Written: ${keys}. The daemon runs with that already.`,
   locked: "changed only on the machine itself",
   standard: (value: string) => `standard ${value}`,
   noJson: "It is no JSON.",

@@ -10,6 +10,7 @@ import type { Axis } from "../../wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";
+import { onceHeld } from "../settled";
 import { Hold } from "./hold";
 import { LeaveSwitch } from "./leave-switch";
 
@@ -31,7 +32,8 @@ export function ByHand({ state, act, axis, pace, closed }: Props) {
   // What is only begun, a sign say, is no mistake yet.
   const unread = /[\d\p{L}]/u.test(text) && !Number.isFinite(target);
   const outside = Number.isFinite(target) && (target < axis.low_limit_mm || target > axis.high_limit_mm);
-  const still = disabled || position === null || axis.moving;
+  const dead = disabled || position === null;
+  const still = dead || axis.moving;
   const beyond = sideBeyond(axis);
   const untold = axis.axis === "e" && state.bench?.e_untold === true;
   const [asked, ask] = useAsked<number>(!still);
@@ -40,17 +42,23 @@ export function ByHand({ state, act, axis, pace, closed }: Props) {
     ask(null);
     if (await act(api.move(axis.axis, to))) setText("");
   };
-  const step = (by: number) => (
-    <button
-      type="button"
-      class="step"
-      disabled={still || beyond === (by < 0 ? "low" : "high")}
-      aria-label={strings.byHand.stepBy(name, signedLength(by, unit))}
-      onClick={() => position !== null && void act(api.move(axis.axis, position + by))}
-    >
-      {by < 0 ? "−" : "+"}
-    </button>
-  );
+  // What is dead only while it moves, or until another place is typed, keeps the focus: whoever steps by key goes on.
+  const step = (by: number) => {
+    const barred = still || beyond === (by < 0 ? "low" : "high");
+    return (
+      <button
+        type="button"
+        class="step"
+        disabled={dead}
+        aria-disabled={barred}
+        aria-label={strings.byHand.stepBy(name, signedLength(by, unit))}
+        onKeyDown={onceHeld}
+        onClick={() => !barred && void act(api.move(axis.axis, position + by))}
+      >
+        {by < 0 ? "−" : "+"}
+      </button>
+    );
+  };
 
   return (
     <>
@@ -58,7 +66,7 @@ export function ByHand({ state, act, axis, pace, closed }: Props) {
         class="manual"
         onSubmit={(event) => {
           event.preventDefault();
-          if (!Number.isFinite(target) || outside || position === null) return;
+          if (still || !Number.isFinite(target) || outside) return;
           if (isLarge(position, target)) ask(target);
           else void go(target);
         }}
@@ -91,15 +99,16 @@ export function ByHand({ state, act, axis, pace, closed }: Props) {
             ask(null);
           }}
         />
-        <button type="submit" disabled={still || !Number.isFinite(target) || outside}>
+        <button type="submit" disabled={dead} aria-disabled={still || !Number.isFinite(target) || outside}>
           {strings.byHand.go}
         </button>
         <button
           type="button"
           class="home"
-          disabled={disabled || !axis.connected || axis.moving}
+          disabled={disabled || !axis.connected}
+          aria-disabled={axis.moving}
           aria-label={strings.byHand.homeMore(name)}
-          onClick={() => void act(api.home(axis.axis))}
+          onClick={() => !axis.moving && void act(api.home(axis.axis))}
         >
           {strings.byHand.home}
         </button>

@@ -127,7 +127,12 @@ export function DesignPage(given: Given) {
             set={(draft) => setDrafted({ draft, over: base })}
           />
           <p class="actions">
-            <button type="button" id="back" disabled={count(changes) === 0} onClick={() => setDrafted(null)}>
+            <button
+              type="button"
+              id="back"
+              aria-disabled={count(changes) === 0}
+              onClick={() => setDrafted(null)}
+            >
               {strings.design.reset}
             </button>
           </p>

@@ -6,6 +6,7 @@ import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Sections } from "../../water";
 import type { ConfigFault, ConfigWritten } from "../../wire";
+import { whatIsWritten } from "../settings/written";
 import type { Given } from "../given";
 
 /** The status of a file that is no more as it was read. */
@@ -49,8 +50,9 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
                 : state.bench?.job
                   ? words.blocked.job
                   : null;
+  const barred = because !== null || file === null;
   const save = async () => {
-    if (!file?.stored || file.etag === null) return;
+    if (barred || !file.stored || file.etag === null) return;
     const result = await api.writeConfig(laidOver(file.stored, changes), file.etag);
     if (result.ok) setWritten(result.value);
     const changed = !result.ok && result.problem.status === CHANGED;
@@ -65,7 +67,8 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
         type="button"
         id="save"
         class="primary"
-        disabled={because !== null || file === null}
+        // Whoever pressed it is still there once there is nothing more to be saved.
+        aria-disabled={barred}
         aria-describedby="save-more"
         onClick={() => void save()}
       >
@@ -90,7 +93,7 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
       )}
       {written && (
         <p class="notice" role="status">
-          {written.changed.length > 0 ? words.saved(written.changed.join(", ")) : words.savedNothing}
+          {whatIsWritten(written) ?? words.savedNothing}
         </p>
       )}
     </div>

@@ -17,6 +17,7 @@ import { strings } from "../../strings";
 import type { ConfigCheck, ConfigView, ConfigWritten } from "../../wire";
 import type { Given } from "../given";
 import { ConfigTable, type Editing } from "./config-table";
+import { whatIsWritten } from "./written";
 
 /** Before what is typed is checked, ms. */
 const REST_MS = 400;
@@ -75,8 +76,9 @@ export function Configuration({ state, act, load: ask }: Given) {
   }, [draft]);
 
   if (!view || !table) return null;
+  const barred = changed.length === 0 || !check?.valid || state.link !== "open";
   const apply = async () => {
-    if (draft === null || etag === null) return;
+    if (barred || draft === null || etag === null) return;
     const ok = await act(
       api.writeConfig(draft, etag).then((result) => {
         if (result.ok) setWritten(result.value);
@@ -136,18 +138,23 @@ export function Configuration({ state, act, load: ask }: Given) {
               {notice}
             </p>
           ))}
-          {written && <p class="notice">{strings.settings.written(written.changed.join(", "))}</p>}
+          {written && <p class="notice">{whatIsWritten(written)}</p>}
           <p class="actions">
             <button
               type="button"
               id="apply"
               class="primary"
-              disabled={changed.length === 0 || !check?.valid || state.link !== "open"}
+              // Whoever pressed it is still there once nothing more is changed.
+              aria-disabled={barred}
               onClick={() => void apply()}
             >
               {strings.settings.apply}
             </button>
-            <button type="button" disabled={changed.length === 0} onClick={() => setDraft(stored)}>
+            <button
+              type="button"
+              aria-disabled={changed.length === 0}
+              onClick={() => changed.length > 0 && setDraft(stored)}
+            >
               {strings.settings.revert}
             </button>
           </p>
