@@ -432,6 +432,9 @@ try {
   await page.locator("#note").fill("cut short");
   await page.locator("#start").click();
   await page.locator(".turn").waitFor();
+  const beside = await browser.newPage();
+  await beside.goto(`${address}#/alignment`);
+  await beside.locator(".turn").focus();
   await open(page, "Live");
   await page.locator(".picture").getByRole("button", { name: "Region" }).click();
   await page.locator("#region [data-old=false]", { hasText: "grey" }).waitFor();
@@ -489,6 +492,9 @@ try {
   await open(page, "Alignment");
   const cut = page.locator(".job[data-state=interrupted]", { hasText: "cut short" });
   await cut.getByText("the axes have to be homed again").waitFor({ timeout: 10_000 });
+  // Whoever was at the keyboard there is at what became of it.
+  await beside.locator(".job[data-state=interrupted]:focus").waitFor();
+  await beside.close();
   await cut.locator(".way-on li", { hasText: "Whether the shell is on is not known" }).waitFor();
   await photograph(page, "interrupted");
   await accessible(page);

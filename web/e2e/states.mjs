@@ -96,7 +96,8 @@ try {
   }
   letGo();
   await page.goto(`${address}#/alignment/0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11`);
-  await page.locator(".job[data-state=none]", { hasText: "There is no such job" }).waitFor();
+  await page.locator(".earlier", { hasText: "There is no such job" }).waitFor();
+  assert.equal(await page.locator(".earlier", { hasText: "of earlier on" }).count(), 0);
   await open(page, "Live");
 
   step("at the first start nothing has been done, and the page says where to begin");

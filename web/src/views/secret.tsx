@@ -1,4 +1,4 @@
-import { useRef, useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { copy } from "../clipboard";
 import { strings } from "../strings";
 import type { NewToken } from "../wire";
@@ -11,8 +11,18 @@ interface Props {
 /** The secret of a token just made: on every page, until whoever made it says that it is kept. It is shown nowhere else. */
 export function Secret({ made, kept }: Props) {
   const code = useRef<HTMLElement>(null);
+  const copying = useRef<HTMLButtonElement>(null);
   const [copied, setCopied] = useState<boolean | null>(null);
   const words = strings.settings;
+  // Whoever made it is at it, and then where they made it: the first one has the page drawn anew.
+  useLayoutEffect(() => {
+    const from = document.activeElement;
+    copying.current?.focus({ preventScroll: true });
+    return () => {
+      const back = from !== document.body && from?.isConnected ? from : document.getElementById("content");
+      if (back instanceof HTMLElement) back.focus({ preventScroll: true });
+    };
+  }, []);
   return (
     <section class="secret" role="alert" id="secret" aria-label={words.tokenSecret(made.name)}>
       <p>
@@ -22,6 +32,7 @@ export function Secret({ made, kept }: Props) {
       <p class="actions">
         <button
           type="button"
+          ref={copying}
           class="primary"
           id="copy-secret"
           onClick={() => code.current && void copy(code.current).then(setCopied)}

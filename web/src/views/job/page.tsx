@@ -4,12 +4,12 @@ import * as api from "../../api";
 import { called } from "../../names";
 import { addressOf } from "../../route";
 import { currentJob, isFinal } from "../../state";
-import { movedSince } from "../../moved-since";
 import { reasonOf } from "../../reason";
 import { strings } from "../../strings";
 import { reworded } from "../../units";
 import type { Job } from "../../wire";
 import { Meter } from "../live/meter";
+import { MovedSince } from "./moved-since";
 import { Old } from "../old";
 import type { Given } from "../given";
 import { Downloads } from "./downloads";
@@ -36,18 +36,20 @@ export function AlignmentPage(given: Given) {
   const { job: earlier, gone } = useEarlier(given, asked);
   const job = asked ? (state.jobs.find((job) => job.id === asked) ?? earlier) : present;
   const running = present !== null && !isFinal(present.state);
+  const page = useHeir(running);
   return (
-    <div class="job-page">
+    <div class="job-page" ref={page}>
       <div class="column">
         {asked && (
           <p class="card earlier">
-            {strings.job.earlier} <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
+            {gone ? strings.job.gone : strings.job.earlier}{" "}
+            <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
           </p>
         )}
         {job && <JobCard {...given} job={job} present={job === present} />}
-        {!job && state.bench && (!asked || gone) && (
+        {!job && state.bench && !asked && (
           <p class="card job" data-state="none">
-            {asked ? strings.job.gone : strings.job.none}
+            {strings.job.none}
           </p>
         )}
         {!asked && !running && <StartJob {...given} />}
@@ -80,26 +82,28 @@ function useEarlier({ state, load }: Given, id: string | undefined): { job: Job 
   return { job: earlier?.id === id ? earlier : null, gone: gone === id };
 }
 
-/** The card of a job: whoever is at its buttons when it ends goes on from what it came to. */
-function useCard(over: boolean) {
-  const card = useRef<HTMLElement>(null);
+/** Whoever is at a job's buttons when it ends, or when the daemon does, goes on from what it came to, once that is known. */
+function useHeir(running: boolean) {
+  const page = useRef<HTMLDivElement>(null);
+  const [held] = useState({ heir: false });
   // Once this is drawn, what had the focus is gone.
-  const atButtons = card.current?.querySelector(".turn")?.contains(document.activeElement) ?? false;
+  if (page.current?.querySelector(".turn")?.contains(document.activeElement)) held.heir = !running;
   useLayoutEffect(() => {
-    if (over && atButtons) card.current?.focus({ preventScroll: true });
-  }, [over]);
-  return card;
+    const card = page.current?.querySelector<HTMLElement>("section.job");
+    if (!held.heir || !card) return;
+    held.heir = false;
+    if (document.activeElement === document.body) card.focus({ preventScroll: true });
+  });
+  return page;
 }
 
 function JobCard(given: Given & { job: Job; present: boolean }) {
   const { job, present } = given;
   const over = isFinal(job.state);
-  const since = present ? movedSince(job, given.state.bench) : null;
   const { unit } = given.state.preferences;
   const reason = reasonOf(job);
-  const card = useCard(over);
   return (
-    <section ref={card} class="card job" tabIndex={-1} aria-label={strings.job.title} data-state={job.state}>
+    <section class="card job" tabIndex={-1} aria-label={strings.job.title} data-state={job.state}>
       <h2>
         {strings.job.kinds[job.kind]}
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
@@ -116,7 +120,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
           {sentence(reworded(reason, unit))}
         </p>
       )}
-      {since && <p class="moved-since">{strings.job.since[since]}</p>}
+      {present && <MovedSince {...given} />}
       <Steps {...given} />
       {present && <WayOn {...given} />}
       {!over && <HandOn {...given} />}

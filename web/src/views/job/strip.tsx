@@ -3,6 +3,7 @@ import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { Old } from "../old";
+import { MovedSince } from "./moved-since";
 import { Progress } from "./progress";
 import { Turn } from "./turn";
 import { WayOn } from "./way-on";
@@ -23,6 +24,7 @@ export function JobStrip(given: Given) {
       </h2>
       {!over && <Turn key={job.id} {...given} job={job} />}
       {!over && <Progress job={job} unit={state.preferences.unit} />}
+      {over && <MovedSince {...given} job={job} />}
       {over && <WayOn {...given} job={job} />}
     </section>
   );
