@@ -179,6 +179,21 @@ try {
   await photograph(ana.page, "jog");
   await ana.page.mouse.up();
   await still("focus", "the axis moves on after the release");
+  // The button of before loses the focus by it.
+  for (const [axis, side, sign] of [
+    ["focus", "low", -1],
+    ["e", "high", 1],
+    ["focus", "high", 1],
+  ]) {
+    const then = await position(axis);
+    await press(ana.page, hold(ana.page, axis, side));
+    await until(
+      async () => sign * ((await position(axis)) - then) > 0.1,
+      `the ${axis} axis does not move while another button is held`,
+    );
+    await ana.page.mouse.up();
+    await still(axis, "the axis moves on after the release");
+  }
 
   step("a button held through a stop and its reset moves nothing until it is pressed again");
   await forward.scrollIntoViewIfNeeded();
@@ -220,15 +235,17 @@ try {
     .waitFor();
   await ana.page.locator(".lease[data-lease=mine]", { hasText: "as Ana at the bench" }).waitFor();
 
-  step("a step goes by what it says");
+  step("a step goes by what it says, and leaves whoever steps by key where they are");
   const from = await position("focus");
-  await ana.page.getByRole("button", { name: "Move the focus axis by −0.100 mm" }).click();
+  const back = ana.page.getByRole("button", { name: "Move the focus axis by −0.100 mm" });
+  await back.press("Enter");
   await until(async () => Math.abs((await position("focus")) - (from - 0.1)) < 0.01, "no step was made");
   await until(async () => !(await bench()).axes.some((axis) => axis.moving), "the step does not end");
   await until(
     async () => (await ana.page.locator(".axes .tag", { hasText: "moving" }).count()) === 0,
     "the page shows an axis as moving that is still",
   );
+  assert(await back.evaluate((button) => button === document.activeElement), "the focus is lost by a step");
 
   step("exposure and gain are set within their limits by whoever has control, and everybody sees to what");
   const exposure = (page) => page.locator(".camera [data-control=exposure] input");
@@ -469,6 +486,7 @@ try {
   await tokens.locator(".ask .primary").click();
   const secret = ana.page.locator("header #secret code");
   await secret.waitFor();
+  await ana.page.locator("#copy-secret:focus").waitFor();
   await ana.page.locator(".who", { hasText: "Ana" }).waitFor();
   await ben.page
     .locator("#sign-in #out", { hasText: "From now on everybody is asked for a token" })
@@ -492,11 +510,13 @@ try {
   assert.equal(key, await secret.innerText());
   await ana.page.locator("#secret-kept").click();
   await secret.waitFor({ state: "detached" });
+  await ana.page.locator("#content:focus").waitFor();
 
   step("by it others get in; whoever revokes the last one is told that everybody is locked out");
   await ben.page.locator("#sign-in input").fill(key);
-  await ben.page.locator("#sign-in button").click();
+  await ben.page.locator("#sign-in input").press("Enter");
   await ben.page.locator(".who", { hasText: "Ana" }).waitFor();
+  await ben.page.locator("#content:focus").waitFor();
   await open(ana.page, "Settings");
   await tokens.getByRole("button", { name: "Revoke the token of Ana" }).click();
   await tokens.locator(".ask", { hasText: /you lock yourself out.*everybody is locked out/ }).waitFor();

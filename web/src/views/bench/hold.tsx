@@ -18,8 +18,12 @@ export function Hold({ axis, side, pace, disabled }: Props) {
   const begin = () => {
     if (!disabled) jog.begin({ axis, towards: side, speedMmPerS: SPEED_MM_PER_S[pace] });
   };
+  // Only of its own press: that of another button, which takes the focus from this one, goes on.
+  const letGo = () => {
+    if (jog.pressed?.axis === axis && jog.pressed.towards === side) jog.release();
+  };
   // A button that goes away, or that may not be pressed any more, is let go of.
-  useEffect(() => () => jog.release(), []);
+  useEffect(() => letGo, []);
   useEffect(() => {
     if (disabled && held) jog.release();
   }, [disabled, held]);
@@ -38,17 +42,17 @@ export function Hold({ axis, side, pace, disabled }: Props) {
         event.currentTarget.setPointerCapture(event.pointerId);
         begin();
       }}
-      onPointerUp={() => jog.release()}
-      onPointerCancel={() => jog.release()}
-      onLostPointerCapture={() => jog.release()}
+      onPointerUp={letGo}
+      onPointerCancel={letGo}
+      onLostPointerCapture={letGo}
       onContextMenu={(event) => event.preventDefault()}
       onKeyDown={(event) => {
         if (event.key !== "Enter") return;
         event.preventDefault();
         if (!event.repeat) begin();
       }}
-      onKeyUp={(event) => event.key === "Enter" && jog.release()}
-      onBlur={() => jog.release()}
+      onKeyUp={(event) => event.key === "Enter" && letGo()}
+      onBlur={letGo}
     >
       {side === "low" ? "◀" : "▶"}
     </button>
