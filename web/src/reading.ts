@@ -136,7 +136,9 @@ export function frameReading(
 function told(measurement: Measurement | null, doubted: boolean, { otherwise }: Scene) {
   const twoBoards = measurement?.two_boards ?? null;
   const several = twoBoards ? "two_boards" : doubted ? "doubted" : null;
-  const direction: Direction | null = otherwise === "levels" ? otherwise : (several ?? otherwise);
+  // What nobody has asked for may well be a board of several levels.
+  const maySeveral = otherwise === "levels" || otherwise === "unasked";
+  const direction: Direction | null = maySeveral ? otherwise : (several ?? otherwise);
   return { twoBoards, ...(direction && { direction, inFocus: false }) };
 }
 
@@ -174,13 +176,12 @@ function unmeasured(pictureAt: number, measurement: Measurement | null, before: 
 }
 
 /** What there is instead of a reading. A spacing once lost is lost until it is measured again: a frame that cannot be
- *  measured meanwhile only says why it is not found, and between two searches nothing new is said of it. */
+ *  measured meanwhile only says why it is not found. */
 export function missing(read: FrameReading, before: Missing | null): Missing | null {
   const { found, targetPx, tolerancePx, capturedAt, monotonicMs } = read;
   if (found.is === "measured") return null;
-  const lost = before?.is === "lost" ? before : null;
-  const why = lost && found.is === "lost" ? lost.why : found.why;
-  return { is: lost ? "lost" : found.is, why, targetPx, tolerancePx, capturedAt, monotonicMs };
+  const is = before?.is === "lost" ? "lost" : found.is;
+  return { is, why: found.why, targetPx, tolerancePx, capturedAt, monotonicMs };
 }
 
 /** By the criterion of a job that sets e, through the shell, or Δv, in air. */

@@ -93,6 +93,9 @@ describe("two boards in view", () => {
     expect([main, other]).toEqual([strings.meter.twoBoards("19.93", "19.73", "38"), null]);
     const whole = reading({ ...state.measurement!, in_focus: true });
     expect(whole).toMatchObject({ direction: "two_boards", inFocus: false });
+    // Nobody has asked for it: it may be one of several levels.
+    const unasked = readingIn(state.measurement!, { inAir: false, otherwise: "unasked" });
+    expect(advice(unasked, null, "e", "mm").main).toBe(strings.meter.orderless.unasked);
   });
 
   it("say nothing of the next measurement that shows one", () => {

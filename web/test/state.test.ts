@@ -262,12 +262,13 @@ describe("what the meter reads, frame by frame", () => {
     const read = receiveReading(open(), frameReading(19.73, 3000), 3050);
     const lost = receiveReading(read, lostReading("the board went", 3100), 3150);
     expect(lost.missing).toMatchObject({ is: "lost", why: "the board went" });
-    const still = receiveReading(lost, lostReading("it is searched for", 3200), 3250);
-    expect(still.missing).toMatchObject({ is: "lost", why: "the board went", capturedAt: 3200 });
-    const dark = receiveReading(still, refusedReading("too dark", 3300), 3350);
-    expect(dark.missing).toMatchObject({ is: "lost", why: "too dark" });
-    expect(dark.best).toBe(read.best);
-    const found = receiveReading(dark, frameReading(19.7, 3400), 3450);
+    const dark = receiveReading(lost, refusedReading("too dark", 3200), 3250);
+    expect(dark.missing).toMatchObject({ is: "lost", why: "too dark", capturedAt: 3200 });
+    // Which is over with the frame that was.
+    const still = receiveReading(dark, lostReading("nothing matches", 3300), 3350);
+    expect(still.missing).toMatchObject({ is: "lost", why: "nothing matches" });
+    expect(still.best).toBe(read.best);
+    const found = receiveReading(still, frameReading(19.7, 3400), 3450);
     expect(found).toMatchObject({ missing: null, reading: { spacingPx: 19.7 } });
   });
 

@@ -108,19 +108,21 @@ struct Followed {
     /// The next frame has to be searched for its spacing, not before this: by the machine's own clock, as threads that
     /// compute know no other.
     search_from: Option<Instant>,
+    /// Why the spacing is lost, by the newest frame that was looked at for it.
+    lost: String,
 }
 
 impl Followed {
     fn new(sight: &Arc<Sight>) -> Result<Self, NoReading> {
         let meter = sight.meter().map_err(NoReading::Refused)?;
-        Ok(Self { sight: Arc::clone(sight), meter, search_from: Some(Instant::now()) })
+        Ok(Self { sight: Arc::clone(sight), meter, search_from: Some(Instant::now()), lost: SEARCHING.to_owned() })
     }
 
     fn read(&mut self, frame: &Frame, waited: Duration) -> Result<LiveSpacing, NoReading> {
         let (began, searched) = (Instant::now(), self.search_from.is_some());
         let mut laps = Laps { from: began, took: Default::default() };
         let read = match self.search_from {
-            Some(from) if from > began => return Err(NoReading::Lost(SEARCHING.to_owned())),
+            Some(from) if from > began => return Err(NoReading::Lost(self.lost.clone())),
             Some(_) => self.meter.acquire_by_parts(&frame.image, &mut |part| laps.ended(part)),
             None => {
                 // While an axis moves, frames come faster than that.
@@ -133,6 +135,9 @@ impl Followed {
         let (read, took) = (read.map_err(NoReading::from), began.elapsed());
         telemetry::read(searched, outcome(&read), took);
         laps.tell(waited);
+        if let Err(NoReading::Lost(why)) = &read {
+            self.lost.clone_from(why);
+        }
         self.search_from = match &read {
             Ok(_) => None,
             // A search takes every core: whatever else there is to do is left as long again.

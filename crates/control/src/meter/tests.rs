@@ -4,6 +4,7 @@ use bench::config::Config;
 use bench::device::Setup;
 use bench::store::Store;
 use plenoptics::imaging::combined::Since;
+use plenoptics::raw::RawImage;
 
 use super::*;
 use crate::calibrated::CalibratedCamera;
@@ -80,6 +81,36 @@ async fn a_match_that_a_whole_measurement_contradicts_is_followed_no_further() {
     let whole_px = compared.borrow().unwrap().spacing_px;
     let (spacing_px, ..) = next(&mut readings).await;
     assert!((spacing_px - whole_px).abs() < 0.1, "{spacing_px} px read, {whole_px} px in whole");
+}
+
+#[tokio::test]
+async fn why_a_spacing_is_lost_is_said_between_two_searches_too() {
+    let service = ready().await;
+    let (sight, white) = (service.eye.sight().unwrap(), service.eye.white_frame().unwrap());
+    let newest = service.eye.bench().camera.live().borrow().clone().unwrap();
+    let mut followed = Followed::new(&sight).unwrap();
+    let mut read = |frame: &Frame| followed.read(frame, Duration::ZERO);
+    assert!(read(&newest).is_ok());
+    // Every micro-image shows something else.
+    let (width, mut seed) = (white.image.width(), 7u32);
+    let mut speckle = || {
+        seed = seed.wrapping_mul(1_664_525).wrapping_add(1_013_904_223);
+        0.5 + 0.5 * f64::from(seed) / f64::from(u32::MAX)
+    };
+    let speckles: Vec<f64> = (0..width * width / 16 + width).map(|_| speckle()).collect();
+    let samples = white.image.to_f32().into_iter().enumerate();
+    let samples =
+        samples.map(|(at, level)| (f64::from(level) * speckles[at / width / 4 * (width / 4) + at % width / 4]) as u8);
+    let image = RawImage::from_u8(width, white.image.height(), samples.collect());
+    let otherwise = Frame { image: Arc::new(image), ..(*newest).clone() };
+    let mut lost = || match read(&otherwise) {
+        Err(NoReading::Lost(why)) => why,
+        read => panic!("{read:?}"),
+    };
+    let [unseen, unfound] = [lost(), lost()];
+    assert!(unseen != SEARCHING && unfound != SEARCHING && unseen != unfound, "{unseen}, {unfound}");
+    // A search rests for as long as it took.
+    assert_eq!(read(&newest).unwrap_err(), NoReading::Lost(unfound));
 }
 
 #[tokio::test]
