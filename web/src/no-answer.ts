@@ -8,8 +8,9 @@ export const NO_ANSWER = "urn:plenalign:page:no-answer";
 
 /** What a request that failed by itself comes to. */
 export function noAnswer(error: unknown): Problem {
-  // What a browser says of its own clock is in its own language.
+  // What a browser says of its clock and of its connection is in a language of its own.
   const late = error instanceof DOMException && error.name === "TimeoutError";
-  const detail = late ? strings.noAnswerInTime : error instanceof Error ? error.message : String(error);
+  const own = late ? strings.noAnswerInTime : error instanceof TypeError ? strings.noConnection : null;
+  const detail = own ?? (error instanceof Error ? error.message : String(error));
   return { type: NO_ANSWER, title: strings.noAnswer, status: 0, detail };
 }

@@ -56,6 +56,7 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
         )}
         <Stop {...given} />
       </div>
+      <StopNotices {...given} />
       {state.link !== "open" && (
         <div class="link" data-link={state.link}>
           <p role="status">
@@ -71,7 +72,6 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
         </div>
       )}
       {!alone && <Call state={state} />}
-      <StopNotices {...given} />
       {state.controlLost && <ControlGone {...given} lost={state.controlLost} />}
       {bench && state.link === "open" && <Absences bench={bench} />}
       {bench?.history_fault && (

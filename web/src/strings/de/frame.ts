@@ -29,6 +29,7 @@ export const frame: typeof en.frame = {
   stageGoneMore: "Nichts lässt sich verfahren.",
   noAnswer: "Der Dienst antwortet nicht",
   noAnswerInTime: "rechtzeitig kam keine Antwort",
+  noConnection: "zu ihm gibt es keine Verbindung",
   dismiss: "Ausblenden",
   close: "Schließen",
   historyFault: "Nichts lässt sich verfahren",

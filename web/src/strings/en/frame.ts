@@ -30,6 +30,7 @@ export const frame = {
   stageGoneMore: "Nothing can be moved.",
   noAnswer: "The daemon does not answer",
   noAnswerInTime: "no answer came in time",
+  noConnection: "there is no connection to it",
   dismiss: "Dismiss",
   close: "Close",
   historyFault: "Nothing can be moved",
