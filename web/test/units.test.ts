@@ -122,7 +122,7 @@ describe("the report", () => {
     const reached = told({ ...report, ...missing, e_mm: 18.8 });
     expect(reached.get("Depth of field")).toBe("nowhere within the blur limit");
     const failed = told({ ...report, ...missing, e_mm: null });
-    for (const name of ["Depth of field", "Tolerance of e", "Field of view in water"])
+    for (const name of ["Depth of field", "e within the blur limit", "Field of view in water"])
       expect(failed.get(name), name).toBe("not measured");
   });
 

@@ -165,7 +165,7 @@ impl Alignment<'_> {
             }
             if !state.homed {
                 self.context.log(format!("homing the {axis} axis"));
-                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+                self.home(axis).await?;
             }
             let state = self.context.unless_cancelled(self.motion.read_state(axis)).await?;
             self.context.log(format!("the {axis} axis stands at {:.3}", state.position));
@@ -179,13 +179,19 @@ impl Alignment<'_> {
         Ok(())
     }
 
+    /// Homes an axis.
+    pub(super) async fn home(&self, axis: AxisName) -> Result<(), JobEnd> {
+        self.context.doing(format!("homing the {axis} axis"));
+        self.context.unless_cancelled(self.motion.home(self.admission, axis)).await
+    }
+
     /// Homes an axis whose place is not known.
     async fn home_where_lost(&self, axis: AxisName) -> Result<(), JobEnd> {
         if self.motion.position_mm(axis).is_ok() {
             return Ok(());
         }
         self.context.log(format!("where the {axis} axis stands is not known: it is homed"));
-        self.context.unless_cancelled(self.motion.home(self.admission, axis)).await
+        self.home(axis).await
     }
 
     /// How far an axis stands from the nearer end of its travel, and how far it would have to for a first move of so much; all mm.
@@ -208,8 +214,7 @@ impl Alignment<'_> {
         self.context.log(format!(
             "the {axis} axis stands {free:.2} mm from an end of its travel, and its first move needs {needed:.2} mm free on both sides: it is homed"
         ));
-        self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
-        Ok(())
+        self.home(axis).await
     }
 
     /// Takes e back from where an earlier alignment left it nearer to the shell than it is to be parked, by homing: that
@@ -228,8 +233,7 @@ impl Alignment<'_> {
         self.context.log(format!(
             "the e axis stands {nearer_mm:.3} mm nearer to the shell than where it is to be parked: it is homed"
         ));
-        self.context.unless_cancelled(self.motion.home(self.admission, AxisName::E)).await?;
-        Ok(())
+        self.home(AxisName::E).await
     }
 
     /// Says something in the job's log and in its report.

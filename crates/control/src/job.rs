@@ -465,7 +465,7 @@ pub struct Report {
     pub e_scale: Option<f64>,
     /// l_bound used, mm.
     pub l_bound_mm: f64,
-    /// Uncertainty of a measured l_bound, mm.
+    /// Standard uncertainty of a measured l_bound with all that is taken for granted, mm.
     pub l_bound_sigma_mm: Option<f64>,
     /// What Δv, e and focus are good to; `null` where the camera was not looked at through the shell, and in a report of a
     /// version that did not tell.

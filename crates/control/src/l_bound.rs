@@ -63,11 +63,11 @@ impl Alignment<'_> {
             JobEnd::failed("how well it is known where the lens touches cannot be told: the boards in air could not be told apart, or fit no camera like the configured one")
         })?;
         self.motion.set_l_bound(l_bound_mm, Contact { e_mm: least_e, measured_sigma_mm: Some(contact_sigma) });
-        self.findings.l_bound_sigma_mm = Some(sigma);
+        self.findings.l_bound_sigma_mm = Some(contact_sigma);
         // No minus before nothing.
         let said_mm = (100.0 * l_bound_mm).round() / 100.0 + 0.0;
         let note = format!(
-            "l_bound: the lens touches at e = {least_e:.2} ± {sigma:.2} mm (the spacing changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
+            "l_bound: the lens touches at e = {least_e:.2} ± {contact_sigma:.2} mm, by the spacing alone ± {sigma:.2} mm (it changes by {:.3} px/mm there); with {clearance:.2} mm of clearance l_bound = {:.2} mm",
             camera.slope_e(least_e, 0.0).abs(),
             said_mm
         );
@@ -78,11 +78,10 @@ impl Alignment<'_> {
         let instruction = format!("Take the shell off and the tank away; {homed_again} homed again.");
         self.ask("shell_off", instruction, None, Setup::ShellOff).await?;
         self.motion.set_shell(ShellState::Off);
-        self.context.doing("homing after the move by hand");
         for axis in AxisName::ALL {
             if !self.context.unless_cancelled(self.motion.read_state(axis)).await?.homed {
                 self.context.log(format!("the {axis} axis lost its place while its motor was off: it is homed"));
-                self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+                self.home(axis).await?;
             }
         }
         self.findings.delta_v_air = None;

@@ -37,7 +37,7 @@ pub enum Outcome {
     LBound {
         /// l_bound, clearance included, mm.
         l_bound_mm: f64,
-        /// Standard uncertainty of the e at which the lens touches, mm.
+        /// Standard uncertainty of the e at which the lens touches, with all that is taken for granted, mm.
         sigma_mm: f64,
         /// The e wall that follows, mm.
         e_wall_mm: f64,

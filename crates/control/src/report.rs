@@ -7,6 +7,7 @@ use super::events::InView;
 use super::eye::{Eye, Seen};
 use super::job::{Interval, JobState, Report, SpacingTargets};
 use super::motion::Motion;
+use super::request::JobKind;
 use bench::config::Config;
 use bench::device::AxisName;
 
@@ -14,6 +15,14 @@ use bench::device::AxisName;
 /// were tilted: d changes by (dl/dΔv)⁻¹ over half the frame's width.
 fn tilt_deg(tilt_px: f64, slope_px_per_mm: f64, half_width_mm: f64) -> f64 {
     (tilt_px / slope_px_per_mm / half_width_mm).atan().to_degrees()
+}
+
+/// What is said of the shell step where none was begun.
+const fn without_shell_step(kind: JobKind) -> &'static str {
+    match kind {
+        JobKind::AirOnly => "none: this job sets Δv in air",
+        _ => "the shell step was not reached",
+    }
 }
 
 /// What was seen from the end of the air step on, last through masks of a radius (px); `None` where that is not enough for a
@@ -146,7 +155,7 @@ pub(super) fn report(
         shell_step_done: findings
             .shell_step_done
             .clone()
-            .unwrap_or_else(|| "the shell step was not reached".to_owned()),
+            .unwrap_or_else(|| without_shell_step(context.snapshot().kind).to_owned()),
         design_origin: design_origin.to_owned(),
         delta_v_mm,
         delta_v_sigma_mm,

@@ -12,7 +12,7 @@ use super::job::IterationKind;
 use super::mistake::ShellLook;
 use super::plan::Plan;
 use super::report::{MOVED_MM, evidence};
-use super::room::Room;
+use super::room::{Contact, Room};
 use super::shell::{ShellDecision, ShellLoop, ShellObservation};
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
@@ -193,9 +193,18 @@ impl Alignment<'_> {
         let Some(here) = shell.here() else { return };
         let (e_mm, _) = room.e.by_all.predict(here.e_reading_mm);
         let (nearest_mm, sigma_mm) = room.nearest_e(here.e_reading_mm);
+        let touches = match room.contact {
+            Contact { e_mm, measured_sigma_mm: None } => {
+                format!("three of those have to lie between the lens and where it touches the shell, e = {e_mm:.2} mm")
+            }
+            Contact { e_mm, measured_sigma_mm: Some(measured_mm) } => format!(
+                "the lens touches the shell at e = {e_mm:.2} ± {measured_mm:.2} mm, as was measured: three times both together, {:.2} mm, have to lie between",
+                3.0 * sigma_mm.hypot(measured_mm)
+            ),
+        };
         self.note(format!(
-            "e is {e_mm:.2} mm and not {:.2} mm: as picture or axis has it, whichever is nearer, it is {nearest_mm:.2} ± {sigma_mm:.2} mm, and three of those have to lie between the lens and where it touches the shell, e = {:.2} mm; the largest parts of the budget say what would bring it nearer",
-            wanted.e, room.contact.e_mm
+            "e is {e_mm:.2} mm and not {:.2} mm: as picture or axis has it, whichever is nearer, it is {nearest_mm:.2} ± {sigma_mm:.2} mm, and {touches}; the largest parts of the budget say what would bring it nearer",
+            wanted.e
         ));
     }
 

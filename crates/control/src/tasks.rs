@@ -153,8 +153,7 @@ impl Alignment<'_> {
         self.context.begin(axes.len() as u32 + 1);
         self.context.step_of_bench("homing");
         for &axis in axes {
-            self.context.doing(format!("homing the {axis} axis"));
-            self.context.unless_cancelled(self.motion.home(self.admission, axis)).await?;
+            self.home(axis).await?;
         }
         self.context.outcome(Outcome::Homing {
             focus_mm: self.motion.position_mm(AxisName::Focus).ok(),

@@ -4722,7 +4722,7 @@ export interface components {
           l_bound_mm: number;
           /**
            * Format: double
-           * @description Standard uncertainty of the e at which the lens touches, mm.
+           * @description Standard uncertainty of the e at which the lens touches, with all that is taken for granted, mm.
            */
           sigma_mm: number;
           /** @enum {string} */
@@ -5288,7 +5288,7 @@ export interface components {
       l_bound_mm: number;
       /**
        * Format: double
-       * @description Uncertainty of a measured l_bound, mm.
+       * @description Standard uncertainty of a measured l_bound with all that is taken for granted, mm.
        */
       l_bound_sigma_mm?: number | null;
       /**

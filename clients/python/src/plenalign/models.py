@@ -1432,7 +1432,7 @@ class LBoundOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_f
     l_bound_mm: float
     """l_bound, clearance included, mm."""
     sigma_mm: float
-    """Standard uncertainty of the e at which the lens touches, mm."""
+    """Standard uncertainty of the e at which the lens touches, with all that is taken for granted, mm."""
 
 
 class FocusSweepOutcome(Struct, frozen=True, kw_only=True, omit_defaults=True, tag_field="type", tag="focus_sweep"):
@@ -1852,7 +1852,7 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     l_bound_mm: float
     """l_bound used, mm."""
     l_bound_sigma_mm: float | None = None
-    """Uncertainty of a measured l_bound, mm."""
+    """Standard uncertainty of a measured l_bound with all that is taken for granted, mm."""
     moves_air: int
     """Moves in the air step, its probe not counted."""
     moves_shell: int

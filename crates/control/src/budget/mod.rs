@@ -160,12 +160,12 @@ impl Budget {
             parts,
             contradictions: contradictions(&model, &measurements, &adjusted),
         };
-        budget.conclusion = budget.concluded();
+        budget.conclusion = budget.concluded(wanted, tolerance);
         Some(budget)
     }
 
-    /// Both verdicts in a sentence.
-    fn concluded(&self) -> String {
+    /// Both verdicts in a sentence, with what Δv and e (mm) were to be, and how near that.
+    fn concluded(&self, wanted: [f64; 3], tolerance: [f64; 3]) -> String {
         let focus = match self.in_focus {
             Verdict::Within => "in focus",
             Verdict::Outside => "out of focus",
@@ -175,17 +175,26 @@ impl Budget {
             let part = self.parts.iter().max_by(|one, other| cost(one).total_cmp(&cost(other)));
             part.map_or_else(String::new, |part| format!(", mostly for the {}: {}", part.name, part.remedy))
         };
-        let said = |what: &str, verdict: Verdict, value: String, why: String| match verdict {
-            Verdict::CannotBeTold => format!("whether {what} = {value} is within tolerance cannot be told{why}"),
-            verdict => format!("{what} = {value} is {verdict}"),
+        let said = |what: &str, verdict: Verdict, value: String, to_be: String, why: String| match verdict {
+            Verdict::CannotBeTold => {
+                format!("whether {what} = {value} is within tolerance ({to_be}) cannot be told{why}")
+            }
+            verdict => format!("{what} = {value} is {verdict} ({to_be})"),
         };
         let delta_v = said(
             "Δv",
             self.delta_v,
             format!("{:.4} ± {:.4} mm", self.delta_v_mm, self.delta_v_sigma_mm),
+            format!("{:.4} mm, give or take {:.4} mm", wanted[0], tolerance[0]),
             most(|part| part.delta_v_mm),
         );
-        let e = said("e", self.e, format!("{:.3} ± {:.3} mm", self.e_mm, self.e_sigma_mm), most(|part| part.e_mm));
+        let e = said(
+            "e",
+            self.e,
+            format!("{:.3} ± {:.3} mm", self.e_mm, self.e_sigma_mm),
+            format!("{:.3} mm, give or take {:.3} mm", wanted[1], tolerance[1]),
+            most(|part| part.e_mm),
+        );
         format!(
             "{focus} (the blur is {:.3} ± {:.3} px); {delta_v}; {e}",
             self.off_focus_px.abs(),

@@ -31,12 +31,13 @@ function rows(found: Found, unit: LengthUnit): [string, string][] {
         [words.imageDistance, measured(found.image_distance_mm, found.image_distance_sigma_mm, 4)],
         [words.lensToMla, at(found.lens_to_mla_mm, 4)],
         [words.b, at(found.mla_to_sensor_mm, 4)],
-        [words.deltaV, at(found.delta_v_mm, 4)],
+        // It is the image distance less what the design has.
+        [words.deltaV, measured(found.delta_v_mm, found.image_distance_sigma_mm, 4)],
         [words.distances, lengths(found.distances_mm, unit, 1)],
       ];
     case "l_bound":
       return [
-        [words.lBound, measured(found.l_bound_mm, found.sigma_mm, 3)],
+        [words.lBound, measured(found.l_bound_mm, found.sigma_mm, 4)],
         [words.wall, at(found.e_wall_mm)],
       ];
     case "focus_sweep":
