@@ -86,6 +86,19 @@ async fn an_adapter_unplugged_in_a_job_ends_it() {
 async fn axes_lost_while_the_white_frame_is_waited_for_are_homed_both() {
     let service = service(small_config(9)).await;
     let bench = service.bench().clone();
+    let mut events = service.subscribe();
+    let homed_last = tokio::spawn(async move {
+        let mut doing = Vec::new();
+        loop {
+            let Ok(Event::Job { job }) = events.recv().await else { continue };
+            if job.log.iter().any(|line| line.message.contains("is not known: it is homed")) {
+                doing.push(job.progress.doing);
+            }
+            if job.state.is_final() {
+                return doing;
+            }
+        }
+    });
     let lost = at_step("Put the diffuser on", &service, move || {
         bench.focus.forget_position();
         bench.e.forget_position();
@@ -96,6 +109,10 @@ async fn axes_lost_while_the_white_frame_is_waited_for_are_homed_both() {
     for axis in ["focus", "e"] {
         let homed = format!("where the {axis} axis stands is not known: it is homed");
         assert!(job.log.iter().any(|line| line.message == homed), "{:#?}", job.log);
+    }
+    let doing = homed_last.await.unwrap();
+    for axis in ["focus", "e"] {
+        assert!(doing.contains(&format!("homing the {axis} axis")), "{doing:?}");
     }
 }
 
