@@ -1,21 +1,21 @@
 import "uplot/dist/uPlot.min.css";
 import "./style/index.css";
 import { render } from "preact";
-import * as api from "./api";
-import { awake } from "./awake";
-import { Belongings } from "./belongings";
-import { Cadence, LEISURELY_MS, SOON_MS } from "./cadence";
-import { keyOfAddress, type ConfirmKey } from "./confirm-key";
-import { keepToOne } from "./copies";
-import { eyepiece } from "./eyepiece";
-import { install } from "./install";
-import { jog, watchJog } from "./jogging";
-import { callMe } from "./names";
-import { needle } from "./needle";
-import { pageNow } from "./page-clock";
+import * as api from "./daemon/api";
+import { awake } from "./browser/awake";
+import { Belongings } from "./daemon/belongings";
+import { Cadence, LEISURELY_MS, SOON_MS } from "./browser/cadence";
+import { keyOfAddress, type ConfirmKey } from "./daemon/confirm-key";
+import { keepToOne } from "./daemon/copies";
+import { eyepiece } from "./picture/eyepiece";
+import { install } from "./browser/install";
+import { jog, watchJog } from "./bench/jogging";
+import { callMe } from "./words/names";
+import { needle } from "./meter/needle";
+import { pageNow } from "./browser/page-clock";
 import { keep, named, recall } from "./preferences";
-import { addressOf, routeOf } from "./route";
-import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./session";
+import { addressOf, routeOf } from "./browser/route";
+import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./daemon/session";
 import {
   endsPress,
   initial,
@@ -26,16 +26,16 @@ import {
   turnOf,
   type State,
 } from "./state";
-import { drawable, overlaysOn } from "./show";
-import { setUpAt } from "./set-up";
-import { sound } from "./sound";
-import { stop, watchStopKey } from "./stopping";
-import { toneNow } from "./tone";
-import { watchToneKey } from "./tone-key";
-import type { Report } from "./viewer";
+import { drawable, overlaysOn } from "./picture/show";
+import { setUpAt } from "./meter/set-up";
+import { sound } from "./browser/sound";
+import { stop, watchStopKey } from "./bench/stopping";
+import { toneNow } from "./meter/tone";
+import { watchToneKey } from "./meter/tone-key";
+import type { Report } from "./picture/viewer";
 import { App } from "./views/app";
-import type { Problem, TokenRequest } from "./wire";
-import { lookedAt, wishOf } from "./wish";
+import type { Problem, TokenRequest } from "./daemon/wire";
+import { lookedAt, wishOf } from "./daemon/wish";
 
 const ASK_AGAIN_MS = 2000;
 /** Between two looks at whether the tone still holds. */

@@ -1,9 +1,9 @@
 // What this browser remembers for whoever uses it. It is about the page alone: the bench has its own configuration.
 
-import { LANGUAGE_CHOICES, type LanguageChoice } from "./language";
-import { SHOWS } from "./show";
-import { SPACE, type StopKey } from "./stop-key";
-import { UNITS, type LengthUnit } from "./units";
+import { LANGUAGE_CHOICES, type LanguageChoice } from "./words/language";
+import { SHOWS } from "./picture/show";
+import { SPACE, type StopKey } from "./bench/stop-key";
+import { UNITS, type LengthUnit } from "./words/units";
 
 /** What can be drawn over the picture. */
 export const OVERLAYS = ["grid", "pairs", "error", "saturation"] as const;

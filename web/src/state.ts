@@ -1,15 +1,23 @@
 // The page's one state, and how messages change it. Pure: views draw from it, tests feed it.
 
-import { ahead, aheadOfWall, clockAfter, monotonicOf, unknown, type Clock } from "./clock";
-import { bestWith, frameReading, missing, reading, type Best, type Missing, type Reading } from "./reading";
-import type { JsonObject } from "./config-schema";
-import type { ConfigFile } from "./draft";
-import type { Draft } from "./job-kinds";
-import type { ControlLost } from "./lease";
-import { routeOf, type Route } from "./route";
-import { sceneOf, setUpAt, type Scene } from "./set-up";
+import { ahead, aheadOfWall, clockAfter, monotonicOf, unknown, type Clock } from "./daemon/clock";
+import {
+  bestWith,
+  frameReading,
+  missing,
+  reading,
+  type Best,
+  type Missing,
+  type Reading,
+} from "./meter/reading";
+import type { JsonObject } from "./design/config-schema";
+import type { ConfigFile } from "./design/draft";
+import type { Draft } from "./job/kinds";
+import type { ControlLost } from "./daemon/lease";
+import { routeOf, type Route } from "./browser/route";
+import { sceneOf, setUpAt, type Scene } from "./meter/set-up";
 import { standard, type Preferences } from "./preferences";
-import { placeOf } from "./travel";
+import { placeOf } from "./bench/travel";
 import {
   axesWeight,
   clarityWeight,
@@ -21,9 +29,9 @@ import {
   type ClarityPoint,
   type SpacingPoint,
   type Trail,
-} from "./trail";
-import { NO_ANSWER } from "./no-answer";
-import { isOver } from "./over";
+} from "./charts/trail";
+import { NO_ANSWER } from "./daemon/no-answer";
+import { isOver } from "./daemon/over";
 import type {
   Bench,
   Design,
@@ -42,7 +50,7 @@ import type {
   Session,
   StopReport,
   StopReset,
-} from "./wire";
+} from "./daemon/wire";
 
 export type Link = "connecting" | "open" | "lost";
 

@@ -1,6 +1,6 @@
 // The page's words in the language that it speaks, which is the only one that is loaded.
 
-import { languageOf, localeOf, speaks, type Language, type LanguageChoice } from "./language";
+import { languageOf, localeOf, speaks, type Language, type LanguageChoice } from "./words/language";
 import { recall } from "./preferences";
 import type { strings as english } from "./strings/en";
 

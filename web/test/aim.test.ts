@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { COARSE, EVERY, instead, partSeen, sameAim } from "../src/aim";
-import { fit, pan, zoom } from "../src/viewport";
+import { COARSE, EVERY, instead, partSeen, sameAim } from "../src/daemon/aim";
+import { fit, pan, zoom } from "../src/picture/viewport";
 
 const view = { width: 500, height: 400 };
 const frame = { width: 4096, height: 3072 };

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { Awake } from "../src/awake";
+import { Awake } from "../src/browser/awake";
 
 class Lock {
   released = false;

@@ -1,8 +1,8 @@
 import { expect, it } from "vitest";
-import { Belongings } from "../src/belongings";
-import { ConfirmKeys } from "../src/confirm-key";
-import { LeaseKeeper, type Send } from "../src/lease";
-import type { Session } from "../src/wire";
+import { Belongings } from "../src/daemon/belongings";
+import { ConfirmKeys } from "../src/daemon/confirm-key";
+import { LeaseKeeper, type Send } from "../src/daemon/lease";
+import type { Session } from "../src/daemon/wire";
 
 const named = (name: string, signed_in = true): Session => ({
   ...{ name, signed_in, scope: "control", demanded: signed_in },

@@ -1,13 +1,13 @@
 import { afterEach, describe, expect, it } from "vitest";
-import { moment } from "../src/format";
-import { EXPLAINED, explain } from "../src/glossary";
-import { numberOf } from "../src/job-kinds";
-import { languageOf, localeOf, spoken } from "../src/language";
+import { moment } from "../src/words/format";
+import { EXPLAINED, explain } from "../src/words/glossary";
+import { numberOf } from "../src/words/number";
+import { languageOf, localeOf, spoken } from "../src/words/language";
 import * as page from "../src/strings";
 import { speak } from "../src/strings";
 import { strings as de } from "../src/strings/de";
 import { strings as en } from "../src/strings/en";
-import { length } from "../src/units";
+import { length } from "../src/words/units";
 
 const sources = import.meta.glob<string>("../src/strings/**/*.ts", {
   query: "?raw",

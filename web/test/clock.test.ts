@@ -1,5 +1,5 @@
 import { describe, expect, it, vi } from "vitest";
-import { nextAt } from "../src/cadence";
+import { nextAt } from "../src/browser/cadence";
 import {
   ahead,
   aheadOfWall,
@@ -12,7 +12,7 @@ import {
   sentAt,
   unknown,
   type Clock,
-} from "../src/clock";
+} from "../src/daemon/clock";
 import { told } from "./fixtures";
 
 const at = (second: number) => new Date(Date.UTC(2026, 0, 1, 0, 0, second));
@@ -156,7 +156,7 @@ describe("clocks that a browser has go by coarse steps", () => {
     let readings = 0;
     const now = vi.spyOn(performance, "now").mockImplementation(() => page((readings += 1e-4)));
     vi.resetModules();
-    const fresh = await import("../src/clock");
+    const fresh = await import("../src/daemon/clock");
     now.mockRestore();
     let clock = fresh.unknown;
     const offMs: number[] = [];

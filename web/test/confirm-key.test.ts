@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { ConfirmKeys, keyOfAddress, keyWithin, linkWith } from "../src/confirm-key";
-import { routeOf } from "../src/route";
+import { ConfirmKeys, keyOfAddress, keyWithin, linkWith } from "../src/daemon/confirm-key";
+import { routeOf } from "../src/browser/route";
 
 const job = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 const key = `confirm_${"0123456789abcdef".repeat(4)}`;

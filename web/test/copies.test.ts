@@ -1,5 +1,5 @@
 import { expect, test, vi } from "vitest";
-import { keepToOne } from "../src/copies";
+import { keepToOne } from "../src/daemon/copies";
 
 function page(id: string | null, since: number) {
   const channel = new BroadcastChannel("a test's");

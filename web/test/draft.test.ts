@@ -1,10 +1,10 @@
 import { describe, expect, it } from "vitest";
-import type { JsonObject } from "../src/config-schema";
-import { awaited, count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/draft";
-import { Newest } from "../src/newest";
-import { barLength, boxOf, fitted, hemisphere, trainOf } from "../src/optical-train";
-import { waterBy, waterSaid } from "../src/water";
-import type { DraftState } from "../src/wire";
+import type { JsonObject } from "../src/design/config-schema";
+import { awaited, count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/design/draft";
+import { Newest } from "../src/daemon/newest";
+import { barLength, boxOf, fitted, hemisphere, trainOf } from "../src/design/optical-train";
+import { waterBy, waterSaid } from "../src/design/water";
+import type { DraftState } from "../src/daemon/wire";
 
 const base: JsonObject = {
   shell: { outer_radius_mm: 59, inner_radius_mm: 51 },

@@ -13,7 +13,7 @@ describe("a change of what goes wrong", () => {
     };
     vi.stubGlobal("fetch", fetch);
     vi.stubGlobal("sessionStorage", { getItem: () => null });
-    const api = await import("../src/api");
+    const api = await import("../src/daemon/api");
     const all = [
       api.changeFaults({ disk: { delay_ms: 9 } }),
       api.clearFaults(),

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { pairs, range, tint } from "../src/field-map";
-import { saturated } from "../src/saturation";
-import type { FieldMap, Lens } from "../src/wire";
+import { pairs, range, tint } from "../src/picture/field-map";
+import { saturated } from "../src/picture/saturation";
+import type { FieldMap, Lens } from "../src/daemon/wire";
 
 const lens = (x: number, y: number, spacingPx = 20, fate: Lens["fate"] = "matched"): Lens => ({
   x,

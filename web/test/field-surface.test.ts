@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { linesOf, surfaceOf } from "../src/field-surface";
-import type { FieldMap, Lens } from "../src/wire";
+import { linesOf, surfaceOf } from "../src/picture/field-surface";
+import type { FieldMap, Lens } from "../src/daemon/wire";
 
 const PITCH = 30;
 const SIDE = 20;

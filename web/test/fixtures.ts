@@ -1,4 +1,4 @@
-import type { Told } from "../src/clock";
+import type { Told } from "../src/daemon/clock";
 import type {
   Bench,
   Combined,
@@ -9,7 +9,7 @@ import type {
   Measurement,
   PictureFacts,
   ServerMessage,
-} from "../src/wire";
+} from "../src/daemon/wire";
 
 export const boot = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 

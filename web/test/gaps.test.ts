@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { broken } from "../src/gaps";
+import { broken } from "../src/charts/gaps";
 
 it("parts a line where a point is missing, and nowhere else", () => {
   const curve = [1, 2, 3, 4, 5, 6];

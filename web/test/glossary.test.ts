@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { entriesOf, EXPLAINED, explain, pieces } from "../src/glossary";
+import { entriesOf, EXPLAINED, explain, pieces } from "../src/words/glossary";
 import { strings } from "../src/strings";
 
 describe("the words of the field", () => {

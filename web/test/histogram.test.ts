@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { drawn } from "../src/histogram";
+import { drawn } from "../src/picture/histogram";
 
 test("what is clipped at either end is told from what lies between", () => {
   const counts = new Array<number>(256).fill(0);

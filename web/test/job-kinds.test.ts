@@ -1,7 +1,8 @@
 import { describe, expect, it } from "vitest";
-import { check, draftOf, FIELDS, implied, KINDS, numberOf, unless } from "../src/job-kinds";
-import { comparison } from "../src/comparison";
-import { everything, queryOf } from "../src/job-query";
+import { check, draftOf, FIELDS, implied, KINDS, unless } from "../src/job/kinds";
+import { numberOf } from "../src/words/number";
+import { comparison } from "../src/charts/comparison";
+import { everything, queryOf } from "../src/job/query";
 import { bench, design, job } from "./fixtures";
 
 const faults = (draft: ReturnType<typeof draftOf>) => {

@@ -1,6 +1,6 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { BEAT_MS, Jog, LAPSE_MS, type JogCalls, type Press } from "../src/jog";
-import type { Problem } from "../src/wire";
+import { BEAT_MS, Jog, LAPSE_MS, type JogCalls, type Press } from "../src/bench/jog";
+import type { Problem } from "../src/daemon/wire";
 
 const press: Press = { axis: "e", towards: "low", speedMmPerS: 0.5 };
 const refusal: Problem = { type: "urn:plenalign:problem:limit", title: "t", status: 409, detail: "d" };

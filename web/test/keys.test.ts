@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { choosable, isTyping, meaning, SPACE } from "../src/stop-key";
+import { choosable, isTyping, meaning, SPACE } from "../src/bench/stop-key";
 
 type Pressed = Parameters<typeof meaning>[0];
 const key = (code: string, more: Partial<Pressed> = {}): Pressed => ({

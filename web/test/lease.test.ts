@@ -1,5 +1,5 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { LeaseKeeper, type Send } from "../src/lease";
+import { LeaseKeeper, type Send } from "../src/daemon/lease";
 
 interface Call {
   what: string;

@@ -1,10 +1,10 @@
 import { create, toBinary } from "@bufbuild/protobuf";
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
 import { FrameSchema, ReadingSchema, ReadingState, ViewedSchema } from "../src/gen/plenalign/v1/frame_pb";
-import { Live } from "../src/live";
-import { pageNow } from "../src/page-clock";
-import type { FrameReading, Part, PictureFacts } from "../src/wire";
-import type { Wish } from "../src/wish";
+import { Live } from "../src/daemon/live";
+import { pageNow } from "../src/browser/page-clock";
+import type { FrameReading, Part, PictureFacts } from "../src/daemon/wire";
+import type { Wish } from "../src/daemon/wish";
 
 const TICK = JSON.stringify({
   type: "tick",

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { nameOf } from "../src/kept-picture";
-import { Marking, type Seen } from "../src/marking";
-import { lengthOf, noMarks, type Marks } from "../src/marks";
+import { nameOf } from "../src/picture/kept-picture";
+import { Marking, type Seen } from "../src/picture/marking";
+import { lengthOf, noMarks, type Marks } from "../src/picture/marks";
 
 const frame = { width: 400, height: 300 };
 /** The frame at twice its size. */

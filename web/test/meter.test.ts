@@ -1,15 +1,15 @@
 import { describe, expect, it } from "vitest";
-import { advice } from "../src/advice";
-import { correction, octant, tilt } from "../src/correction";
-import { hindrance } from "../src/hindrance";
-import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter";
-import { best, isCalledInFocus, reading as readingIn } from "../src/reading";
+import { advice } from "../src/meter/advice";
+import { correction, octant, tilt } from "../src/meter/correction";
+import { hindrance } from "../src/meter/hindrance";
+import { band, beyond, digits, END_PX, place, steadyDigits } from "../src/meter/scale";
+import { best, isCalledInFocus, reading as readingIn } from "../src/meter/reading";
 import { initial, receive, receiveReading, type State } from "../src/state";
 import { strings } from "../src/strings";
 import { strings as de } from "../src/strings/de";
 import { strings as en } from "../src/strings/en";
-import { toneNow } from "../src/tone";
-import type { Bench } from "../src/wire";
+import { toneNow } from "../src/meter/tone";
+import type { Bench } from "../src/daemon/wire";
 import { bench as snapshotBench, boot, design, frameReading, measurement, snapshot } from "./fixtures";
 
 describe("the meter's scale", () => {

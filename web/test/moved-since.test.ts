@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { movedSince } from "../src/moved-since";
-import type { Bench, Job } from "../src/wire";
+import { movedSince } from "../src/job/moved-since";
+import type { Bench, Job } from "../src/daemon/wire";
 import { bench } from "./fixtures";
 
 it("tells an axis that was moved after an alignment from a servo that holds its place", () => {

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { another, called, callMe, NAMELESS } from "../src/names";
+import { another, called, callMe, NAMELESS } from "../src/words/names";
 import { strings } from "../src/strings";
 
 describe("how somebody is called", () => {

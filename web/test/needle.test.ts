@@ -1,6 +1,6 @@
 import { afterEach, beforeEach, expect, it, vi } from "vitest";
-import { Needle } from "../src/needle";
-import { Rate } from "../src/rate";
+import { Needle } from "../src/meter/needle";
+import { Rate } from "../src/browser/rate";
 
 beforeEach(() => {
   vi.useFakeTimers();

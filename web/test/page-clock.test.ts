@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { PageClock } from "../src/page-clock";
+import { PageClock } from "../src/browser/page-clock";
 
 /** A computer: one clock that nobody sets, and stands while it sleeps, and its wall clock. */
 function computer(stepMs = 1) {

@@ -1,14 +1,14 @@
 import { describe, expect, it } from "vitest";
-import { isBelow, keysOf, same, tableOf, valueAt, withValue } from "../src/config-schema";
-import { isLarge } from "../src/pace";
+import { isBelow, keysOf, same, tableOf, valueAt, withValue } from "../src/design/config-schema";
+import { isLarge } from "../src/bench/pace";
 import { keep, named, recall, standard } from "../src/preferences";
-import { addressOf, routeOf } from "../src/route";
-import { extent, overlaysOn } from "../src/show";
+import { addressOf, routeOf } from "../src/browser/route";
+import { extent, overlaysOn } from "../src/picture/show";
 import { initial, may } from "../src/state";
-import { SPACE } from "../src/stop-key";
-import { follow, noTrail, SPAN_S, type Trail } from "../src/trail";
-import { lookedAt, wishOf } from "../src/wish";
-import { length, signedLength } from "../src/units";
+import { SPACE } from "../src/bench/stop-key";
+import { follow, noTrail, SPAN_S, type Trail } from "../src/charts/trail";
+import { lookedAt, wishOf } from "../src/daemon/wish";
+import { length, signedLength } from "../src/words/units";
 
 const id = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
 

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { FIRST_STEP_S, MOST, noPast, older, until, type Past } from "../src/past";
-import { filled, follow, noTrail, SPAN_S, whole, type Trail } from "../src/trail";
+import { FIRST_STEP_S, MOST, noPast, older, until, type Past } from "../src/charts/past";
+import { filled, follow, noTrail, SPAN_S, whole, type Trail } from "../src/charts/trail";
 
 const itself = (point: number) => point;
 

@@ -1,5 +1,5 @@
 import { expect, test } from "vitest";
-import { reasonOf } from "../src/reason";
+import { reasonOf } from "../src/job/reason";
 
 test("a reason is told where it says more than the state", () => {
   expect(["done", "cancelled", "", null].map((reason) => reasonOf({ reason }))).toEqual([

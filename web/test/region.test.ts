@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { greyOf, isOfAnotherPlace, spacingIn } from "../src/region";
-import { covers } from "../src/region-watch";
-import type { FieldMap, Lens } from "../src/wire";
+import { greyOf, isOfAnotherPlace, spacingIn } from "../src/picture/region";
+import { covers } from "../src/picture/region-watch";
+import type { FieldMap, Lens } from "../src/daemon/wire";
 import { measurement } from "./fixtures";
 
 const PITCH = 30;

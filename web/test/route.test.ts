@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { addressOf, routeOf } from "../src/route";
+import { addressOf, routeOf } from "../src/browser/route";
 
 const JOBS = [1, 2, 3].map((one) => `00000000-0000-7000-8000-00000000000${one}`);
 

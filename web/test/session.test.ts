@@ -1,6 +1,6 @@
 import { expect, test } from "vitest";
-import { keyOfLink, whyOut } from "../src/session";
-import type { Ended, Session } from "../src/wire";
+import { keyOfLink, whyOut } from "../src/daemon/session";
+import type { Ended, Session } from "../src/daemon/wire";
 
 test("the key is taken from a one-time link and from nowhere else", () => {
   expect(keyOfLink({ pathname: "/login", search: "?once=abc" })).toBe("abc");

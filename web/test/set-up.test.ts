@@ -1,5 +1,5 @@
 import { expect, it } from "vitest";
-import { boardsAt, LENS_X, opening, ringAbout, SIZE } from "../src/set-up-drawing";
+import { boardsAt, LENS_X, opening, ringAbout, SIZE } from "../src/job/set-up-drawing";
 
 it("boards stand to scale along the axis, the nearest level lowest, and a flat one is one", () => {
   const [near, middle, far] = boardsAt([175.2, 159.2, 167.2]);

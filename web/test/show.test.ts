@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { drawable } from "../src/show";
+import { drawable } from "../src/picture/show";
 
 describe("what is laid over the picture", () => {
   it("has no error of a spacing that is no one board's", () => {

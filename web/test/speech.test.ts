@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { isNews, SPEAK_MS, standing, type Said } from "../src/speech";
-import type { Reading } from "../src/reading";
+import { isNews, SPEAK_MS, standing, type Said } from "../src/meter/speech";
+import type { Reading } from "../src/meter/reading";
 
 const reading = (differencePx: number, direction: Reading["direction"]) => ({
   sigmaPx: 0.01,

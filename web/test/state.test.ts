@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { fixed, sentence, signed, withSigma } from "../src/format";
+import { fixed, sentence, signed, withSigma } from "../src/words/format";
 import {
   currentJob,
   endsPress,
@@ -16,11 +16,11 @@ import {
   STALE_MS,
   type State,
 } from "../src/state";
-import { NO_ANSWER } from "../src/no-answer";
-import type { Bench, ServerMessage } from "../src/wire";
-import { bestAnew, reading as readingIn } from "../src/reading";
-import { isBeingSetUp, knowsMotion, showsTilt } from "../src/set-up";
-import { along, axisScale } from "../src/travel";
+import { NO_ANSWER } from "../src/daemon/no-answer";
+import type { Bench, ServerMessage } from "../src/daemon/wire";
+import { bestAnew, reading as readingIn } from "../src/meter/reading";
+import { isBeingSetUp, knowsMotion, showsTilt } from "../src/meter/set-up";
+import { along, axisScale } from "../src/bench/travel";
 import {
   bench,
   boot,

@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { allOf, moved, SHORTEST_S, stretchOf, zoomed } from "../src/stretch";
-import { SPAN_S } from "../src/trail";
+import { allOf, moved, SHORTEST_S, stretchOf, zoomed } from "../src/charts/stretch";
+import { SPAN_S } from "../src/charts/trail";
 import { timeOfDay } from "../src/views/live/time-axis";
 
 describe("the stretch of time that charts show", () => {

@@ -1,6 +1,6 @@
 import { expect, it } from "vitest";
-import { clarities, spacings } from "../src/through-focus";
-import type { FittedPlace, Iteration } from "../src/wire";
+import { clarities, spacings } from "../src/charts/through-focus";
+import type { FittedPlace, Iteration } from "../src/daemon/wire";
 
 const seen = (focus: number | null, px: number, eog: number | null) =>
   ({

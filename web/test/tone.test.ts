@@ -1,6 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { initial, receive, receiveReading, turnOf, type State } from "../src/state";
-import { toneNow, toneOf } from "../src/tone";
+import { toneNow, toneOf } from "../src/meter/tone";
 import { frameReading, job, lostReading, snapshot } from "./fixtures";
 
 const off = (differencePx: number, direction: "larger" | "smaller" | "there" | "unsure") =>

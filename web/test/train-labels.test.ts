@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { placed } from "../src/labels";
-import { boxOf, fitted, PARTS, type Train } from "../src/optical-train";
-import { trainLabels } from "../src/train-labels";
+import { placed } from "../src/design/labels";
+import { boxOf, fitted, PARTS, type Train } from "../src/design/optical-train";
+import { trainLabels } from "../src/design/train-labels";
 
 const box = { x: 0, y: 0, width: 100, height: 100 };
 

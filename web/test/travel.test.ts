@@ -1,6 +1,6 @@
 import { describe, expect, test } from "vitest";
-import { nearWall, sideBeyond } from "../src/travel";
-import type { Axis } from "../src/wire";
+import { nearWall, sideBeyond } from "../src/bench/travel";
+import type { Axis } from "../src/daemon/wire";
 import { bench } from "./fixtures";
 
 const standing = (position_mm: number | null, homed = true): Axis => ({

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import * as units from "../src/units";
+import * as units from "../src/words/units";
 import { figures } from "../src/views/job/result";
-import type { Report } from "../src/wire";
+import type { Report } from "../src/daemon/wire";
 
 describe("lengths", () => {
   it("are the same in both units, with as many digits", () => {

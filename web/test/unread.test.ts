@@ -1,8 +1,8 @@
 import { describe, expect, it } from "vitest";
 import { initial, type State } from "../src/state";
 import { strings } from "../src/strings";
-import { nothingRead, whyMissing } from "../src/unread";
-import type { Bench } from "../src/wire";
+import { nothingRead, whyMissing } from "../src/meter/unread";
+import type { Bench } from "../src/daemon/wire";
 import { bench as snapshotBench, job } from "./fixtures";
 
 describe("what is said where nothing is read", () => {

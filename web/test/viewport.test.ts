@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { fit, isWhole, pan, pixelAt, zoom } from "../src/viewport";
+import { fit, isWhole, pan, pixelAt, zoom } from "../src/picture/viewport";
 
 const view = { width: 500, height: 400 };
 const frame = { width: 1160, height: 1160 };

@@ -1,7 +1,7 @@
 import { describe, expect, it } from "vitest";
-import { barred, switched, unhomed } from "../src/barred";
+import { barred, switched, unhomed } from "../src/job/barred";
 import { strings } from "../src/strings";
-import { wayOn } from "../src/way-on";
+import { wayOn } from "../src/job/way-on";
 import { bench, job } from "./fixtures";
 
 describe("the way on from a job that ended early", () => {

@@ -10,7 +10,7 @@ import {
   SpacingMapSchema,
   ViewedSchema,
 } from "../src/gen/plenalign/v1/frame_pb";
-import { parseMessage, parseSeen } from "../src/wire";
+import { parseMessage, parseSeen } from "../src/daemon/wire";
 import { boot } from "./fixtures";
 
 describe("parseMessage", () => {

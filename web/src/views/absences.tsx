@@ -1,6 +1,6 @@
-import { sentence } from "../format";
+import { sentence } from "../words/format";
 import { strings } from "../strings";
-import type { Bench } from "../wire";
+import type { Bench } from "../daemon/wire";
 
 /** That the camera or a stage is gone, on every page: what is done there rests on them. */
 export function Absences({ bench }: { bench: Bench }) {

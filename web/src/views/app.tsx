@@ -1,8 +1,8 @@
 import { useEffect, useState } from "preact/hooks";
-import { spoken } from "../language";
+import { spoken } from "../words/language";
 import { strings } from "../strings";
 import { jobUnderWay, turnOf, type State } from "../state";
-import type { Problem, TokenRequest } from "../wire";
+import type { Problem, TokenRequest } from "../daemon/wire";
 import { AskName } from "./ask-name";
 import { Header } from "./header";
 import { DesignPage } from "./design/page";

@@ -1,7 +1,7 @@
 // The scale of charts of the spacing less its target: a pixel is shown beside a hundredth of one, as on the meter.
 
 import type uPlot from "uplot";
-import { fixed } from "../format";
+import { fixed } from "../words/format";
 import { scaleAxis, type Theme } from "./plot";
 
 /** The scale is linear within this distance from the target and logarithmic beyond, px. */

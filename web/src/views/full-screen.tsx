@@ -1,5 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import { fullScreen } from "../full-screen";
+import { fullScreen } from "../picture/full-screen";
 import { strings } from "../strings";
 import { Toggle } from "./toggle";
 

@@ -1,8 +1,8 @@
 // What every view is given.
 
-import type { Result } from "../api";
+import type { Result } from "../daemon/api";
 import type { State } from "../state";
-import type { TokenRequest } from "../wire";
+import type { TokenRequest } from "../daemon/wire";
 
 /** Carries a request out and shows its problem if it has one; whether it went well. */
 export type Act = (request: Promise<Result<unknown>>) => Promise<boolean>;

@@ -1,6 +1,6 @@
-import { eyepiece } from "../eyepiece";
-import { sentence, wait } from "../format";
-import { addressOf, PAGES } from "../route";
+import { eyepiece } from "../picture/eyepiece";
+import { sentence, wait } from "../words/format";
+import { addressOf, PAGES } from "../browser/route";
 import { strings } from "../strings";
 import { Absences } from "./absences";
 import { ControlGone, Lease } from "./bench/lease";

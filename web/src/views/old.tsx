@@ -1,5 +1,5 @@
-import { lateness } from "../clock";
-import { span } from "../format";
+import { lateness } from "../daemon/clock";
+import { span } from "../words/format";
 import { strings } from "../strings";
 import type { Given } from "./given";
 

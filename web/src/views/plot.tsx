@@ -1,6 +1,6 @@
 import { useEffect, useRef } from "preact/hooks";
 import uPlot from "uplot";
-import { spoken } from "../language";
+import { spoken } from "../words/language";
 
 /** Colours of the page's theme, for what CSS does not reach. */
 export interface Theme {

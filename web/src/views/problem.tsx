@@ -1,7 +1,7 @@
-import { sentence } from "../format";
+import { sentence } from "../words/format";
 import { strings } from "../strings";
-import { reworded, type LengthUnit } from "../units";
-import type { Problem } from "../wire";
+import { reworded, type LengthUnit } from "../words/units";
+import type { Problem } from "../daemon/wire";
 
 interface Props {
   problem: Problem;

@@ -1,7 +1,7 @@
 import { useLayoutEffect, useRef, useState } from "preact/hooks";
-import { copy } from "../clipboard";
+import { copy } from "../browser/clipboard";
 import { strings } from "../strings";
-import type { NewToken } from "../wire";
+import type { NewToken } from "../daemon/wire";
 
 interface Props {
   made: NewToken;

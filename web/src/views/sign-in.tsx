@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
-import { moment } from "../format";
+import { moment } from "../words/format";
 import type { State } from "../state";
 import { strings } from "../strings";
-import type { Problem, Session } from "../wire";
+import type { Problem, Session } from "../daemon/wire";
 import { ProblemLine } from "./problem";
 
 interface Props {

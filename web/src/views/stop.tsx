@@ -1,12 +1,12 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import * as api from "../api";
-import { clock } from "../format";
-import { called } from "../names";
+import * as api from "../daemon/api";
+import { clock } from "../words/format";
+import { called } from "../words/names";
 import { able, may, newsOfReset } from "../state";
-import { SPACE, type StopKey } from "../stop-key";
-import { stop } from "../stopping";
+import { SPACE, type StopKey } from "../bench/stop-key";
+import { stop } from "../bench/stopping";
 import { strings } from "../strings";
-import type { Bench } from "../wire";
+import type { Bench } from "../daemon/wire";
 import type { Given } from "./given";
 import { useSettled } from "./settled";
 

@@ -1,6 +1,6 @@
 import { useId, useLayoutEffect, useRef, useState } from "preact/hooks";
-import { explain, pieces, type Word } from "../glossary";
-import { spoken, type Language } from "../language";
+import { explain, pieces, type Word } from "../words/glossary";
+import { spoken, type Language } from "../words/language";
 import { strings } from "../strings";
 
 /** A text with its words explained where they stand. */

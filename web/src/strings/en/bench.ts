@@ -1,6 +1,6 @@
 // Words of the bench: lease, axes, moves by hand, shell.
 
-import type { AxisName, ShellState, Side } from "../../wire";
+import type { AxisName, ShellState, Side } from "../../daemon/wire";
 
 export const lease = {
   owner: "a browser",

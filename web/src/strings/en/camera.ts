@@ -1,6 +1,6 @@
 // Words of the camera's exposure and gain, and of the histogram.
 
-import type { ControlName, LightControl } from "../../wire";
+import type { ControlName, LightControl } from "../../daemon/wire";
 
 export const camera = {
   title: "Camera",

@@ -1,8 +1,8 @@
 // Words of the design page.
 
-import type { FieldGroup, Measure } from "../../draft";
-import type { WaterBy } from "../../water";
-import type { DraftStateName } from "../../wire";
+import type { FieldGroup, Measure } from "../../design/draft";
+import type { WaterBy } from "../../design/water";
+import type { DraftStateName } from "../../daemon/wire";
 
 export const design = {
   title: "Design",

@@ -1,7 +1,7 @@
 // Words of the page's frame: banners, connection, stop, sign-in.
 
-import type { Page } from "../../route";
-import type { Scope } from "../../wire";
+import type { Page } from "../../browser/route";
+import type { Scope } from "../../daemon/wire";
 
 export const frame = {
   title: "Plenalign",

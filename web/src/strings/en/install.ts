@@ -1,6 +1,6 @@
 // Words about installing the page.
 
-import type { Installable } from "../../install";
+import type { Installable } from "../../browser/install";
 
 export const install = {
   title: "App",

@@ -1,7 +1,7 @@
 // Words of jobs: their kinds, forms, states, iterations, reports.
 
-import type { NumberField } from "../../job-kinds";
-import type { Iteration, JobKind, JobState, TimeSpent } from "../../wire";
+import type { NumberField } from "../../job/kinds";
+import type { Iteration, JobKind, JobState, TimeSpent } from "../../daemon/wire";
 
 export const job = {
   title: "Job",

@@ -1,10 +1,10 @@
 // Words of the live page: picture, focus meter, charts.
 
-import type { Moved } from "../../advice";
-import type { Octant } from "../../correction";
+import type { Moved } from "../../meter/advice";
+import type { Octant } from "../../meter/correction";
 import type { Overlay, Preferences } from "../../preferences";
-import type { Direction, Missing } from "../../reading";
-import type { Scene } from "../../set-up";
+import type { Direction, Missing } from "../../meter/reading";
+import type { Scene } from "../../meter/set-up";
 
 export const picture = {
   live: "Live frame",

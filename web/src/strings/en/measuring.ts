@@ -1,6 +1,6 @@
 // Words of what is measured in the live picture, and kept of it.
 
-import type { Tool } from "../../marks";
+import type { Tool } from "../../picture/marks";
 
 export const measuring = {
   title: "Measure",

@@ -1,6 +1,6 @@
 // Words of the settings page.
 
-import type { LanguageChoice } from "../../language";
+import type { LanguageChoice } from "../../words/language";
 
 export const settings = {
   page: "This page",

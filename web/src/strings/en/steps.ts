@@ -1,6 +1,6 @@
 // Words of a job's steps: what is set up, in which order, and how long it takes.
 
-import type { Setup, StepState } from "../../wire";
+import type { Setup, StepState } from "../../daemon/wire";
 
 const names: Record<string, string> = {
   homing: "Homing",

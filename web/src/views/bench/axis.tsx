@@ -1,7 +1,7 @@
 import { strings } from "../../strings";
-import { along, axisScale, placeOf } from "../../travel";
-import { length, reworded, type LengthUnit } from "../../units";
-import type { Axis, Bench } from "../../wire";
+import { along, axisScale, placeOf } from "../../bench/travel";
+import { length, reworded, type LengthUnit } from "../../words/units";
+import type { Axis, Bench } from "../../daemon/wire";
 import { Explained } from "../term";
 
 interface Props {

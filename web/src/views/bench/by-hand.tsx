@@ -1,12 +1,12 @@
 import { useState } from "preact/hooks";
-import * as api from "../../api";
-import { numberOf } from "../../job-kinds";
-import { isLarge, type Pace } from "../../pace";
+import * as api from "../../daemon/api";
+import { numberOf } from "../../words/number";
+import { isLarge, type Pace } from "../../bench/pace";
 import { able } from "../../state";
 import { strings } from "../../strings";
-import { nearWall, placeOf, sideBeyond } from "../../travel";
-import { length, signedLength, toMm } from "../../units";
-import type { Axis } from "../../wire";
+import { nearWall, placeOf, sideBeyond } from "../../bench/travel";
+import { length, signedLength, toMm } from "../../words/units";
+import type { Axis } from "../../daemon/wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";

@@ -1,10 +1,10 @@
-import { PACES, type Pace } from "../../pace";
+import { PACES, type Pace } from "../../bench/pace";
 import { STEPS_MM } from "../../preferences";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import { able, may } from "../../state";
-import { another } from "../../names";
+import { another } from "../../words/names";
 import { strings } from "../../strings";
-import { plain } from "../../units";
+import { plain } from "../../words/units";
 import { useState } from "preact/hooks";
 import { Old } from "../old";
 import type { Given } from "../given";

@@ -1,8 +1,8 @@
 import { useEffect } from "preact/hooks";
-import { jog, useJog } from "../../jogging";
-import { SPEED_MM_PER_S, type Pace } from "../../pace";
+import { jog, useJog } from "../../bench/jogging";
+import { SPEED_MM_PER_S, type Pace } from "../../bench/pace";
 import { strings } from "../../strings";
-import type { AxisName, Side } from "../../wire";
+import type { AxisName, Side } from "../../daemon/wire";
 
 interface Props {
   axis: AxisName;

@@ -1,8 +1,8 @@
-import * as api from "../../api";
-import { secondsLeft } from "../../clock";
+import * as api from "../../daemon/api";
+import { secondsLeft } from "../../daemon/clock";
 import { able, may } from "../../state";
-import type { ControlLost } from "../../lease";
-import { another, called } from "../../names";
+import type { ControlLost } from "../../daemon/lease";
+import { another, called } from "../../words/names";
 import { strings } from "../../strings";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";

@@ -1,6 +1,6 @@
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import { strings } from "../../strings";
-import type { Axis, Side } from "../../wire";
+import type { Axis, Side } from "../../daemon/wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";

@@ -1,8 +1,8 @@
 import { useMemo } from "preact/hooks";
 import uPlot from "uplot";
 import { strings } from "../../strings";
-import { inUnit, type LengthUnit } from "../../units";
-import type { Draft } from "../../wire";
+import { inUnit, type LengthUnit } from "../../words/units";
+import type { Draft } from "../../daemon/wire";
 import { LineKey } from "../line-key";
 import { Plot, scaleAxis, tickText, type Options, type Theme } from "../plot";
 import type { Other } from "./figures";

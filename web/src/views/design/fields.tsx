@@ -1,11 +1,11 @@
 import { useEffect, useState } from "preact/hooks";
-import { valueAt, withValue, type Json, type JsonObject } from "../../config-schema";
-import { GROUPS, isChanged, spelt, typed, type DraftField, type Measure } from "../../draft";
-import { fixed } from "../../format";
+import { valueAt, withValue, type Json, type JsonObject } from "../../design/config-schema";
+import { GROUPS, isChanged, spelt, typed, type DraftField, type Measure } from "../../design/draft";
+import { fixed } from "../../words/format";
 import { strings } from "../../strings";
-import { reworded, type LengthUnit } from "../../units";
-import { waterBy, waterSaid } from "../../water";
-import type { ConfigFault } from "../../wire";
+import { reworded, type LengthUnit } from "../../words/units";
+import { waterBy, waterSaid } from "../../design/water";
+import type { ConfigFault } from "../../daemon/wire";
 import { Choice } from "../toggle";
 
 interface Props {

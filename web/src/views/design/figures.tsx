@@ -1,8 +1,8 @@
-import { degrees } from "../../draft";
-import { fixed } from "../../format";
+import { degrees } from "../../design/draft";
+import { fixed } from "../../words/format";
 import { strings } from "../../strings";
-import { length, pixels, reworded, signedLength, type LengthUnit } from "../../units";
-import type { Draft, DraftState } from "../../wire";
+import { length, pixels, reworded, signedLength, type LengthUnit } from "../../words/units";
+import type { Draft, DraftState } from "../../daemon/wire";
 import { Explained } from "../term";
 
 /** Another camera, to be compared with. */

@@ -1,12 +1,12 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
-import * as api from "../../api";
-import type { JsonObject } from "../../config-schema";
-import { awaited, count, difference, rebased } from "../../draft";
+import * as api from "../../daemon/api";
+import type { JsonObject } from "../../design/config-schema";
+import { awaited, count, difference, rebased } from "../../design/draft";
 import type { State } from "../../state";
 import { strings } from "../../strings";
-import { Newest } from "../../newest";
-import { reworded, UNITS, type LengthUnit } from "../../units";
-import type { ConfigFault, Draft, DraftBase } from "../../wire";
+import { Newest } from "../../daemon/newest";
+import { reworded, UNITS, type LengthUnit } from "../../words/units";
+import type { ConfigFault, Draft, DraftBase } from "../../daemon/wire";
 import type { Given } from "../given";
 import { useKept } from "../kept";
 import { Old } from "../old";

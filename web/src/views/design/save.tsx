@@ -1,11 +1,11 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
-import { count, laidOver, type ConfigFile } from "../../draft";
+import * as api from "../../daemon/api";
+import { count, laidOver, type ConfigFile } from "../../design/draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import { reworded } from "../../units";
-import type { Sections } from "../../water";
-import type { ConfigFault, ConfigWritten } from "../../wire";
+import { reworded } from "../../words/units";
+import type { Sections } from "../../design/water";
+import type { ConfigFault, ConfigWritten } from "../../daemon/wire";
 import { whatIsWritten } from "../settings/written";
 import type { Given } from "../given";
 

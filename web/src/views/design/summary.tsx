@@ -1,7 +1,7 @@
-import { degrees } from "../../draft";
+import { degrees } from "../../design/draft";
 import { strings } from "../../strings";
-import { length, signedLength, type LengthUnit } from "../../units";
-import type { Draft } from "../../wire";
+import { length, signedLength, type LengthUnit } from "../../words/units";
+import type { Draft } from "../../daemon/wire";
 import { Explained } from "../term";
 
 interface Props {

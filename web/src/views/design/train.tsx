@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { valueAt, type JsonObject } from "../../config-schema";
+import { valueAt, type JsonObject } from "../../design/config-schema";
 import {
   barLength,
   boxOf,
@@ -10,11 +10,11 @@ import {
   type Box,
   type Part,
   type Train,
-} from "../../optical-train";
+} from "../../design/optical-train";
 import { strings } from "../../strings";
-import { trainLabels } from "../../train-labels";
-import { length, signedLength, type LengthUnit } from "../../units";
-import type { Draft, DraftState, DraftStateName } from "../../wire";
+import { trainLabels } from "../../design/train-labels";
+import { length, signedLength, type LengthUnit } from "../../words/units";
+import type { Draft, DraftState, DraftStateName } from "../../daemon/wire";
 import { Choice } from "../toggle";
 import type { Other } from "./figures";
 

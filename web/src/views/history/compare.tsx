@@ -1,10 +1,10 @@
-import { moment } from "../../format";
+import { moment } from "../../words/format";
 import { useEffect, useMemo, useState } from "preact/hooks";
-import * as api from "../../api";
-import { comparison } from "../../comparison";
-import { addressOf } from "../../route";
+import * as api from "../../daemon/api";
+import { comparison } from "../../charts/comparison";
+import { addressOf } from "../../browser/route";
 import { strings } from "../../strings";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import { differenceAxis, differenceScale } from "../difference";
 import { Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Given } from "../given";

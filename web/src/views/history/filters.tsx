@@ -1,7 +1,7 @@
-import type { Filter } from "../../job-query";
-import { KINDS } from "../../job-kinds";
+import type { Filter } from "../../job/query";
+import { KINDS } from "../../job/kinds";
 import { strings } from "../../strings";
-import type { JobKind, JobState } from "../../wire";
+import type { JobKind, JobState } from "../../daemon/wire";
 
 const STATES = Object.keys(strings.job.state) as JobState[];
 

@@ -1,10 +1,10 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import * as api from "../../api";
-import { everything, queryOf, type Filter } from "../../job-query";
-import { addressOf, COMPARED } from "../../route";
+import * as api from "../../daemon/api";
+import { everything, queryOf, type Filter } from "../../job/query";
+import { addressOf, COMPARED } from "../../browser/route";
 import { isFinal } from "../../state";
 import { strings } from "../../strings";
-import type { Job, JobItem } from "../../wire";
+import type { Job, JobItem } from "../../daemon/wire";
 import type { Given } from "../given";
 import { Compare } from "./compare";
 import { Filters } from "./filters";

@@ -1,9 +1,9 @@
-import { moment } from "../../format";
-import { addressOf } from "../../route";
-import { reasonOf } from "../../reason";
+import { moment } from "../../words/format";
+import { addressOf } from "../../browser/route";
+import { reasonOf } from "../../job/reason";
 import { strings } from "../../strings";
-import { reached, reworded, type LengthUnit } from "../../units";
-import type { JobItem } from "../../wire";
+import { reached, reworded, type LengthUnit } from "../../words/units";
+import type { JobItem } from "../../daemon/wire";
 import { Downloads } from "../job/downloads";
 import { Toggle } from "../toggle";
 

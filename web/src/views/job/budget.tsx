@@ -1,7 +1,7 @@
-import { fixed } from "../../format";
+import { fixed } from "../../words/format";
 import { strings } from "../../strings";
-import { bare, reworded, type LengthUnit } from "../../units";
-import type { Budget } from "../../wire";
+import { bare, reworded, type LengthUnit } from "../../words/units";
+import type { Budget } from "../../daemon/wire";
 import { Explained } from "../term";
 
 /** What an alignment's figures are uncertain by, part by part, and whether that is good enough. */

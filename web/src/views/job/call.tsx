@@ -1,5 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { addressOf } from "../../route";
+import { addressOf } from "../../browser/route";
 import { jobUnderWay, turnOf, type State } from "../../state";
 import { strings } from "../../strings";
 import { mayConfirm } from "./turn";

@@ -1,7 +1,7 @@
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import { differenceAxis, differenceScale } from "../difference";
 import { LineKey } from "../line-key";
 import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";

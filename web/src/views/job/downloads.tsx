@@ -1,5 +1,5 @@
 import { strings } from "../../strings";
-import type { Recording } from "../../wire";
+import type { Recording } from "../../daemon/wire";
 
 interface Props {
   href: string;

@@ -1,9 +1,9 @@
 import { useState } from "preact/hooks";
-import * as api from "../../api";
-import { linkWith } from "../../confirm-key";
+import * as api from "../../daemon/api";
+import { linkWith } from "../../daemon/confirm-key";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** The link by which somebody else confirms what the job asks, for whoever has it or may make another. */

@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import { isFinal } from "../../state";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** The job that an earlier run of the daemon was at when it ended, where nothing has been done since; null where there is none. */

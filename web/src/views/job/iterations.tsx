@@ -1,7 +1,7 @@
-import { clock, fixed, withSigma } from "../../format";
+import { clock, fixed, withSigma } from "../../words/format";
 import { strings } from "../../strings";
-import { bare, bareMeasured, reworded, type LengthUnit } from "../../units";
-import type { Iteration, Job } from "../../wire";
+import { bare, bareMeasured, reworded, type LengthUnit } from "../../words/units";
+import type { Iteration, Job } from "../../daemon/wire";
 import { Explained } from "../term";
 import { Convergence } from "./convergence";
 import { OverTime } from "./over-time";

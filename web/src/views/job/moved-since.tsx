@@ -1,6 +1,6 @@
-import { movedSince } from "../../moved-since";
+import { movedSince } from "../../job/moved-since";
 import { strings } from "../../strings";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** That the camera does not stand any more as the newest job has left it. */

@@ -7,8 +7,8 @@ import {
   pixelsAnHour,
   pixelsPer,
   type LengthUnit,
-} from "../../units";
-import type { FittedPlace, Outcome as Found } from "../../wire";
+} from "../../words/units";
+import type { FittedPlace, Outcome as Found } from "../../daemon/wire";
 import { Rows } from "./rows";
 
 function rows(found: Found, unit: LengthUnit): [string, string][] {

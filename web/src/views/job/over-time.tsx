@@ -1,8 +1,8 @@
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
-import { broken } from "../../gaps";
+import { broken } from "../../charts/gaps";
 import { strings } from "../../strings";
-import type { Job } from "../../wire";
+import type { Job } from "../../daemon/wire";
 import { LineKey } from "../line-key";
 import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";
 

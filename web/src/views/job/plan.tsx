@@ -1,9 +1,9 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import type { State } from "../../state";
 import { strings } from "../../strings";
-import { length, pixels, reworded, type LengthUnit } from "../../units";
-import type { JobKind, Plan } from "../../wire";
+import { length, pixels, reworded, type LengthUnit } from "../../words/units";
+import type { JobKind, Plan } from "../../daemon/wire";
 import { SetUpDrawing } from "./set-up";
 import { Explained } from "../term";
 

@@ -1,7 +1,7 @@
-import { wait } from "../../format";
+import { wait } from "../../words/format";
 import { strings } from "../../strings";
-import { reached, reworded, type LengthUnit } from "../../units";
-import type { Job } from "../../wire";
+import { reached, reworded, type LengthUnit } from "../../words/units";
+import type { Job } from "../../daemon/wire";
 
 /** How far a job is, and how near its figure is to the target. */
 export function Progress({ job, unit }: { job: Job; unit: LengthUnit }) {

@@ -1,4 +1,4 @@
-import { fixed } from "../../format";
+import { fixed } from "../../words/format";
 import { strings } from "../../strings";
 import {
   angle,
@@ -9,8 +9,8 @@ import {
   reworded,
   signedAngle,
   type LengthUnit,
-} from "../../units";
-import type { Report } from "../../wire";
+} from "../../words/units";
+import type { Report } from "../../daemon/wire";
 import { BudgetTable } from "./budget";
 import { Rows } from "./rows";
 

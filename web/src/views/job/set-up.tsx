@@ -1,4 +1,4 @@
-import { fixed } from "../../format";
+import { fixed } from "../../words/format";
 import {
   AXIS_Y,
   boardInWater,
@@ -10,10 +10,10 @@ import {
   SHELL,
   SIZE,
   type Board,
-} from "../../set-up-drawing";
+} from "../../job/set-up-drawing";
 import { strings } from "../../strings";
-import { length, lengths, type LengthUnit } from "../../units";
-import type { Setup } from "../../wire";
+import { length, lengths, type LengthUnit } from "../../words/units";
+import type { Setup } from "../../daemon/wire";
 
 interface Props {
   setup: Setup;

@@ -1,23 +1,23 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
-import { barred } from "../../barred";
+import * as api from "../../daemon/api";
+import { barred } from "../../job/barred";
 import {
   check,
   draftOf,
   FIELDS,
   implied,
   KINDS,
-  numberOf,
   unless,
   type Draft,
   type Faults,
   type NumberField,
-} from "../../job-kinds";
+} from "../../job/kinds";
+import { numberOf } from "../../words/number";
 import { able, may } from "../../state";
-import { another } from "../../names";
+import { another } from "../../words/names";
 import { strings } from "../../strings";
-import { length, pixels, typedMm, type LengthUnit } from "../../units";
-import type { AxisName, Design, JobKind } from "../../wire";
+import { length, pixels, typedMm, type LengthUnit } from "../../words/units";
+import type { AxisName, Design, JobKind } from "../../daemon/wire";
 import type { Given } from "../given";
 import { useKept } from "../kept";
 import { Explained } from "../term";

@@ -1,9 +1,9 @@
-import * as api from "../../api";
-import { span } from "../../format";
+import * as api from "../../daemon/api";
+import { span } from "../../words/format";
 import { able, isFinal } from "../../state";
 import { strings } from "../../strings";
-import { reworded } from "../../units";
-import type { Job, JobStep } from "../../wire";
+import { reworded } from "../../words/units";
+import type { Job, JobStep } from "../../daemon/wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";

@@ -1,4 +1,4 @@
-import { addressOf } from "../../route";
+import { addressOf } from "../../browser/route";
 import { currentJob, isFinal } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";

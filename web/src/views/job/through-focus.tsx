@@ -1,9 +1,9 @@
 import { useMemo } from "preact/hooks";
 import type uPlot from "uplot";
 import { strings } from "../../strings";
-import { clarities, spacings } from "../../through-focus";
-import { inUnit, measuredLength, type LengthUnit } from "../../units";
-import type { AxisName, FittedPlace, Job } from "../../wire";
+import { clarities, spacings } from "../../charts/through-focus";
+import { inUnit, measuredLength, type LengthUnit } from "../../words/units";
+import type { AxisName, FittedPlace, Job } from "../../daemon/wire";
 import { LineKey } from "../line-key";
 import { bandEdge, measuredLine, Plot, scaleAxis, type Options, type Theme } from "../plot";
 

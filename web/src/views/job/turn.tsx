@@ -1,12 +1,12 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import * as api from "../../api";
-import { absent } from "../../barred";
-import { keyWithin } from "../../confirm-key";
+import * as api from "../../daemon/api";
+import { absent } from "../../job/barred";
+import { keyWithin } from "../../daemon/confirm-key";
 import { able, may, type State } from "../../state";
-import { called } from "../../names";
+import { called } from "../../words/names";
 import { strings } from "../../strings";
-import { reworded, type LengthUnit } from "../../units";
-import type { Job, OperatorStep } from "../../wire";
+import { reworded, type LengthUnit } from "../../words/units";
+import type { Job, OperatorStep } from "../../daemon/wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";

@@ -1,10 +1,10 @@
 import { useState } from "preact/hooks";
-import * as api from "../../api";
-import { barred } from "../../barred";
+import * as api from "../../daemon/api";
+import { barred } from "../../job/barred";
 import { able, may } from "../../state";
 import { strings } from "../../strings";
-import { wayOn } from "../../way-on";
-import type { Job, JobRequest } from "../../wire";
+import { wayOn } from "../../job/way-on";
+import type { Job, JobRequest } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** Whether nobody has seen to where a job left the axes: where the program ended, or where the job would have brought an axis back,

@@ -1,8 +1,8 @@
-import { signed } from "../../format";
-import { digits } from "../../meter";
-import { bestAnew } from "../../reading";
+import { signed } from "../../words/format";
+import { digits } from "../../meter/scale";
+import { bestAnew } from "../../meter/reading";
 import { strings } from "../../strings";
-import { length } from "../../units";
+import { length } from "../../words/units";
 import type { Given } from "../given";
 import { Explained } from "../term";
 

@@ -1,11 +1,11 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
-import { fixed } from "../../format";
-import { numberOf } from "../../job-kinds";
-import { another } from "../../names";
+import * as api from "../../daemon/api";
+import { fixed } from "../../words/format";
+import { numberOf } from "../../words/number";
+import { another } from "../../words/names";
 import { may, type State } from "../../state";
 import { strings } from "../../strings";
-import type { AutoExposure, Light, LightControl } from "../../wire";
+import type { AutoExposure, Light, LightControl } from "../../daemon/wire";
 import { Old } from "../old";
 import type { Given } from "../given";
 import { HistogramView } from "./histogram";

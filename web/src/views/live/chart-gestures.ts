@@ -1,6 +1,6 @@
 import { useEffect, useRef } from "preact/hooks";
-import { isCombined } from "../../stop-key";
-import { moved, stretchOf, zoomed, type Looked, type Stretch } from "../../stretch";
+import { isCombined } from "../../bench/stop-key";
+import { moved, stretchOf, zoomed, type Looked, type Stretch } from "../../charts/stretch";
 
 /** One turn, one press. */
 const STEP = 1.5;

@@ -1,10 +1,10 @@
 import { useMemo, useRef, useState } from "preact/hooks";
 import type uPlot from "uplot";
-import { broken } from "../../gaps";
+import { broken } from "../../charts/gaps";
 import { strings } from "../../strings";
-import { allOf, stretchOf, type Looked } from "../../stretch";
-import { whole, type Trail } from "../../trail";
-import { inUnit, type LengthUnit } from "../../units";
+import { allOf, stretchOf, type Looked } from "../../charts/stretch";
+import { whole, type Trail } from "../../charts/trail";
+import { inUnit, type LengthUnit } from "../../words/units";
 import { LineKey } from "../line-key";
 import { bandEdge, Plot, scaleAxis, type Options, type Theme } from "../plot";
 import type { Given } from "../given";

@@ -1,7 +1,7 @@
 import { useEffect, useRef } from "preact/hooks";
-import { eyepiece, type Probe } from "../../eyepiece";
-import type { Place } from "../../marks";
-import { isCombined } from "../../stop-key";
+import { eyepiece, type Probe } from "../../picture/eyepiece";
+import type { Place } from "../../picture/marks";
+import { isCombined } from "../../bench/stop-key";
 
 const ZOOM = 1.25;
 const PAN_PX = 60;

@@ -1,9 +1,9 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import * as api from "../../api";
-import { fixed } from "../../format";
-import { drawn } from "../../histogram";
+import * as api from "../../daemon/api";
+import { fixed } from "../../words/format";
+import { drawn } from "../../picture/histogram";
 import { strings } from "../../strings";
-import type { Histogram } from "../../wire";
+import type { Histogram } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** Between two histograms, ms. */

@@ -1,6 +1,6 @@
-import * as api from "../../api";
-import { eyepiece } from "../../eyepiece";
-import { nameOf, save } from "../../kept-picture";
+import * as api from "../../daemon/api";
+import { eyepiece } from "../../picture/eyepiece";
+import { nameOf, save } from "../../picture/kept-picture";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";

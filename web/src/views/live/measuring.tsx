@@ -1,9 +1,9 @@
-import { eyepiece } from "../../eyepiece";
-import { fixed, signed } from "../../format";
-import { lengthOf, type Region, type Ruler, type Tool } from "../../marks";
-import { digits } from "../../meter";
-import { ofSeveral } from "../../reading";
-import { isOfAnotherPlace } from "../../region";
+import { eyepiece } from "../../picture/eyepiece";
+import { fixed, signed } from "../../words/format";
+import { lengthOf, type Region, type Ruler, type Tool } from "../../picture/marks";
+import { digits } from "../../meter/scale";
+import { ofSeveral } from "../../meter/reading";
+import { isOfAnotherPlace } from "../../picture/region";
 import { isMeterOld, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";

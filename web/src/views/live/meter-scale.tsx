@@ -1,6 +1,6 @@
-import { fixed } from "../../format";
-import { band, beyond, END_PX, MARKS_PX, place } from "../../meter";
-import type { Best, Reading } from "../../reading";
+import { fixed } from "../../words/format";
+import { band, beyond, END_PX, MARKS_PX, place } from "../../meter/scale";
+import type { Best, Reading } from "../../meter/reading";
 import { strings } from "../../strings";
 
 interface Props {

@@ -1,9 +1,9 @@
-import { fixed } from "../../format";
-import { eyepiece } from "../../eyepiece";
+import { fixed } from "../../words/format";
+import { eyepiece } from "../../picture/eyepiece";
 import { OVERLAYS, type Overlay } from "../../preferences";
 import { strings } from "../../strings";
 import type { Given } from "../given";
-import { SHOWS } from "../../show";
+import { SHOWS } from "../../picture/show";
 import { Choice, Toggle } from "../toggle";
 
 const ZOOM = 2;

@@ -1,5 +1,5 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
-import { fullScreen } from "../../full-screen";
+import { fullScreen } from "../../picture/full-screen";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Given } from "../given";

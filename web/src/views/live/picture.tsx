@@ -1,12 +1,12 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { age, fixed, span } from "../../format";
-import { eyepiece, type Probe } from "../../eyepiece";
-import { ofSeveral } from "../../reading";
-import { knowsMotion } from "../../set-up";
-import { overlaysOn } from "../../show";
+import { age, fixed, span } from "../../words/format";
+import { eyepiece, type Probe } from "../../picture/eyepiece";
+import { ofSeveral } from "../../meter/reading";
+import { knowsMotion } from "../../meter/set-up";
+import { overlaysOn } from "../../picture/show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
-import { length } from "../../units";
+import { length } from "../../words/units";
 import type { Given } from "../given";
 import { useGestures } from "./gestures";
 import { Keeping } from "./keeping";

@@ -1,17 +1,17 @@
 // What the meter says now, however large it is drawn.
 
 import { useEffect, useState } from "preact/hooks";
-import { advice, type Advice, type Moved } from "../../advice";
-import { hindrance } from "../../hindrance";
-import { correction } from "../../correction";
-import { signed } from "../../format";
-import { steadyDigits } from "../../meter";
-import { needle } from "../../needle";
-import { pageNow } from "../../page-clock";
-import { isCalledInFocus, isOfOne, type Direction, type Missing, type Reading } from "../../reading";
+import { advice, type Advice, type Moved } from "../../meter/advice";
+import { hindrance } from "../../meter/hindrance";
+import { correction } from "../../meter/correction";
+import { signed } from "../../words/format";
+import { steadyDigits } from "../../meter/scale";
+import { needle } from "../../meter/needle";
+import { pageNow } from "../../browser/page-clock";
+import { isCalledInFocus, isOfOne, type Direction, type Missing, type Reading } from "../../meter/reading";
 import { isMeterOld, jobUnderWay, meterAge, type State } from "../../state";
 import { strings } from "../../strings";
-import { whyMissing, type Why } from "../../unread";
+import { whyMissing, type Why } from "../../meter/unread";
 import type { Given } from "../given";
 
 export const ARROW = {

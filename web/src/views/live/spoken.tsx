@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
-import type { Reading } from "../../reading";
-import { isNews, standing, type Said } from "../../speech";
+import type { Reading } from "../../meter/reading";
+import { isNews, standing, type Said } from "../../meter/speech";
 
 interface Props {
   /** Null where it is lost. */

@@ -1,6 +1,6 @@
-import { octant, type Tilt } from "../../correction";
+import { octant, type Tilt } from "../../meter/correction";
 import { strings } from "../../strings";
-import { angle } from "../../units";
+import { angle } from "../../words/units";
 
 /** A tilt of fewer standard uncertainties is none: no arrow points where noise does. */
 const SIGMAS = 3;

@@ -2,7 +2,7 @@
 
 import type uPlot from "uplot";
 import { strings } from "../../strings";
-import { TICKS_S } from "../../stretch";
+import { TICKS_S } from "../../charts/stretch";
 import { scaleAxis, type Options, type Theme } from "../plot";
 
 /** What the charts show, in their own time: they are told of another stretch with their data. */

@@ -1,10 +1,10 @@
-import { fixed, span } from "../../format";
-import { isOfOne } from "../../reading";
-import { isBeingSetUp, knowsMotion } from "../../set-up";
+import { fixed, span } from "../../words/format";
+import { isOfOne } from "../../meter/reading";
+import { isBeingSetUp, knowsMotion } from "../../meter/set-up";
 import { jobUnderWay } from "../../state";
 import { strings } from "../../strings";
-import { TONE_KEY } from "../../tone-key";
-import { nothingRead } from "../../unread";
+import { TONE_KEY } from "../../meter/tone-key";
+import { nothingRead } from "../../meter/unread";
 import { FullScreen } from "../full-screen";
 import { Call } from "../job/call";
 import { ARROW, NO_FIGURE, readAloud, sentence, useNewest, useShown } from "../live/shown";

@@ -1,8 +1,8 @@
 import { useEffect, useState } from "preact/hooks";
-import { same, type Json, type Key } from "../../config-schema";
-import { numberOf } from "../../job-kinds";
+import { same, type Json, type Key } from "../../design/config-schema";
+import { numberOf } from "../../words/number";
 import { strings } from "../../strings";
-import type { ConfigFault } from "../../wire";
+import type { ConfigFault } from "../../daemon/wire";
 import { Choice } from "../toggle";
 
 interface Props {

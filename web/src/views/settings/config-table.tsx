@@ -1,6 +1,14 @@
-import { keysOf, same, valueAt, type Json, type JsonObject, type Key, type Table } from "../../config-schema";
+import {
+  keysOf,
+  same,
+  valueAt,
+  type Json,
+  type JsonObject,
+  type Key,
+  type Table,
+} from "../../design/config-schema";
 import { strings } from "../../strings";
-import type { ConfigFault } from "../../wire";
+import type { ConfigFault } from "../../daemon/wire";
 import { ConfigField } from "./config-field";
 
 /** What is being changed. */

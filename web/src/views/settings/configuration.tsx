@@ -1,5 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import {
   isBelow,
   keysOf,
@@ -10,11 +10,11 @@ import {
   type Json,
   type JsonObject,
   type Table,
-} from "../../config-schema";
-import { rebased } from "../../draft";
+} from "../../design/config-schema";
+import { rebased } from "../../design/draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import type { ConfigCheck, ConfigView, ConfigWritten } from "../../wire";
+import type { ConfigCheck, ConfigView, ConfigWritten } from "../../daemon/wire";
 import type { Given } from "../given";
 import { ConfigTable, type Editing } from "./config-table";
 import { whatIsWritten } from "./written";

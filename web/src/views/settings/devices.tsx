@@ -1,7 +1,7 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import { strings } from "../../strings";
-import type { Devices as Found } from "../../wire";
+import type { Devices as Found } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** What is connected to the daemon's machine, by the names that it can be configured with. */

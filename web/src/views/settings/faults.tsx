@@ -1,11 +1,11 @@
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
+import * as api from "../../daemon/api";
 import { able, may } from "../../state";
-import { numberOf } from "../../job-kinds";
-import { Newest } from "../../newest";
+import { numberOf } from "../../words/number";
+import { Newest } from "../../daemon/newest";
 import { strings } from "../../strings";
-import { inUnit, typedMm } from "../../units";
-import type { AxisName, FaultPlan, FaultPlanInForce, Faults as Wrong, FaultsChange } from "../../wire";
+import { inUnit, typedMm } from "../../words/units";
+import type { AxisName, FaultPlan, FaultPlanInForce, Faults as Wrong, FaultsChange } from "../../daemon/wire";
 import type { Given } from "../given";
 import { Choice, Toggle } from "../toggle";
 

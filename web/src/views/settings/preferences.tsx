@@ -1,10 +1,10 @@
 import { useLayoutEffect, useState } from "preact/hooks";
-import { awake } from "../../awake";
-import { install } from "../../install";
-import { LANGUAGE_CHOICES, type LanguageChoice } from "../../language";
-import { choosable, SPACE, type StopKey } from "../../stop-key";
+import { awake } from "../../browser/awake";
+import { install } from "../../browser/install";
+import { LANGUAGE_CHOICES, type LanguageChoice } from "../../words/language";
+import { choosable, SPACE, type StopKey } from "../../bench/stop-key";
 import { speak, strings } from "../../strings";
-import { UNITS } from "../../units";
+import { UNITS } from "../../words/units";
 import type { Given } from "../given";
 import { nameOfKey } from "../stop";
 import { Choice, Toggle } from "../toggle";

@@ -1,9 +1,9 @@
 import { useState } from "preact/hooks";
-import * as api from "../../api";
-import { moment } from "../../format";
+import * as api from "../../daemon/api";
+import { moment } from "../../words/format";
 import { may } from "../../state";
 import { strings } from "../../strings";
-import type { AuditEntry } from "../../wire";
+import type { AuditEntry } from "../../daemon/wire";
 import type { Given } from "../given";
 
 /** Where more is to be read: the API's documentation, and who did what. */

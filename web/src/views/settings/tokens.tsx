@@ -1,10 +1,10 @@
-import { moment } from "../../format";
+import { moment } from "../../words/format";
 import { useEffect, useState } from "preact/hooks";
-import * as api from "../../api";
-import { secondsLeft } from "../../clock";
+import * as api from "../../daemon/api";
+import { secondsLeft } from "../../daemon/clock";
 import { strings } from "../../strings";
 import { able, type State } from "../../state";
-import type { Scope, Token, TokenRequest } from "../../wire";
+import type { Scope, Token, TokenRequest } from "../../daemon/wire";
 import { Ask } from "../ask";
 import { useAsked } from "../asked";
 import type { Given } from "../given";

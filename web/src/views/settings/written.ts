@@ -1,5 +1,5 @@
 import { strings } from "../../strings";
-import type { ConfigWritten } from "../../wire";
+import type { ConfigWritten } from "../../daemon/wire";
 
 /** What has been written into the configuration's file, and from when on it holds; null where nothing has changed. */
 export function whatIsWritten({ changed, restart_required }: ConfigWritten): string | null {
