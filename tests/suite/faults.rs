@@ -7,11 +7,13 @@ use plenalign::control::events::{Event, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::{Service, Shown, open_bench};
 use plenalign::device::faults::{Faults, PictureFault};
+use plenalign::device::{AxisName, StageState};
+use plenalign::units::Millimetres;
 use reqwest::Method;
 use serde_json::{Value, json};
 use tokio::task::JoinHandle;
 
-use super::bench::{align, key_and_permit, permit, service, small_config};
+use super::bench::{align, key_and_permit, permit, run, service, small_config};
 use super::daemon::{Daemon, problem};
 use super::fakes::fakes;
 
@@ -55,6 +57,35 @@ async fn a_stage_that_does_not_do_as_it_is_told_is_named() {
     failed_naming(&aligned_with(|faults| faults.serial.unplugged = true).await, &["controller"]);
     failed_naming(&aligned_with(|faults| faults.focus.limit_switch = true).await, &["alarm", "limit"]);
     failed_naming(&aligned_with(|faults| faults.focus.stalled = true).await, &["hom"]);
+}
+
+/// A switch that changes while nothing moves: nobody knows whose way it ends, and once the stop that the alarm asks for has been
+/// made and reset, only homing is left.
+#[tokio::test(start_paused = true)]
+async fn a_limit_switch_that_changes_at_rest_is_put_down_to_no_motion() {
+    let service = service(small_config(9)).await;
+    let homed = async || {
+        let job = run(&service, JobRequest::of(JobKind::Homing)).await;
+        assert_eq!(job.state, JobState::Succeeded, "{:?}", job.reason);
+    };
+    homed().await;
+    let (hand, mut focus) = (service.bench().simulated.clone().unwrap(), service.bench().focus.state());
+    service.move_axis(&permit(&service), AxisName::Focus, Millimetres(1.0)).await.unwrap();
+    focus.wait_for(|state| state.moving).await.unwrap();
+    focus.wait_for(|state| !state.moving && state.at_rest_since.is_some()).await.unwrap();
+    let mut faults = Faults::default();
+    faults.e.limit_switch = true;
+    hand.set_faults(faults);
+    let alarmed = focus.wait_for(|state| state.fault.is_some()).await.unwrap().fault.clone().unwrap();
+    assert!(alarmed.contains("limit switch") && !alarmed.contains("on its way"), "{alarmed}");
+    service.stop(tokio::time::Instant::now(), "a test").await;
+    service.reset_stop("a test", "tried").await.unwrap();
+    hand.set_faults(Faults::default());
+    let locked = |state: &StageState| state.fault.as_deref() == Some("the controller is locked until it is homed");
+    for axis in [&service.bench().focus, &service.bench().e] {
+        axis.state().wait_for(locked).await.unwrap();
+    }
+    homed().await;
 }
 
 /// A stage's adapter pulled out of a running job and put back: the job ends with the reason, nothing goes on by itself,

@@ -121,7 +121,10 @@ impl Controller {
                     self.forget_ways();
                     self.shared_with_another("it restarted by itself");
                 }
-                self.alarm.send_replace(None);
+                if self.alarm.send_replace(None).is_some_and(Alarm::needs_reset) {
+                    // That has been done: its next status says what is left to do.
+                    self.set_states(|state| state.fault = None);
+                }
                 self.restarts.send_modify(|count| *count += 1);
             }
             Kind::Halted => {
@@ -129,11 +132,11 @@ impl Controller {
                 tracing::warn!(controller = %self.name, alarm = %alarm, "a stage controller is in alarm");
                 self.forget_positions();
                 let moved = self.axes.iter().any(|axis| axis.link.state().moving) || self.homing.load(Ordering::SeqCst);
-                let words = self.alarm_words(alarm);
                 if !moved {
                     // A switch that changes at rest was reached by hand: which one is not known.
                     self.forget_ways();
                 }
+                let words = self.alarm_words(alarm);
                 self.set_states(|state| {
                     state.moving = false;
                     state.fault = Some(words.clone());
