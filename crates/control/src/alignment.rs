@@ -333,7 +333,7 @@ impl Alignment<'_> {
         match boards {
             AirBoards::Levels(levels) => {
                 let instruction = format!(
-                    "Take the diffuser off. With the shell off, in air, put the triple-level board's levels at {}.",
+                    "Take the diffuser off if it is on. With the shell off, in air, put the triple-level board's levels at {}.",
                     self.board_place(&levels)
                 );
                 let value = format!("{:.1}, {:.1}, {:.1} mm", levels[0], levels[1], levels[2]);
@@ -341,7 +341,7 @@ impl Alignment<'_> {
             }
             AirBoards::Flat(distance_mm) => {
                 let instruction = format!(
-                    "Take the diffuser off. With the shell off, in air, put a flat board {}.",
+                    "Take the diffuser off if it is on. With the shell off, in air, put a flat board {}.",
                     self.board_place(&[distance_mm])
                 );
                 self.ask("board_in_air", instruction, Some(format!("{distance_mm:.1} mm")), boards.setup()).await?;

@@ -246,7 +246,7 @@ impl Alignment<'_> {
         }
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(
-            "Take the diffuser off. With the shell on and the tank full, put the flat board {distance_mm:.1} mm from the shell's outer vertex."
+            "Take the diffuser off if it is on. With the shell on and the tank full, put the flat board {distance_mm:.1} mm from the shell's outer vertex."
         );
         let setup = Setup::WaterBoard { distance_mm };
         self.motion.set_shell(ShellState::On);

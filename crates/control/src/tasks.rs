@@ -93,6 +93,8 @@ impl Alignment<'_> {
             )));
         }
         let mut plan = self.sound_plan(self.design.clarity(e_mm), e_mm)?;
+        // Wherever it ends, that is what it was to reach.
+        self.findings.solution = Some(plan.solution);
         self.prepare(&plan).await?;
         self.withdraw_e(&plan).await?;
         self.air_then(&mut plan, Some(ShellStep::HoldETrim)).await

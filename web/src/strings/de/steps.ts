@@ -36,7 +36,8 @@ export const steps: typeof en.steps = {
   againSure: {
     white_frame:
       "Weißbild noch einmal aufnehmen? Was in Luft damit gemessen wurde, wird neu gemessen; von da an geht der Auftrag weiter.",
-    other: "Tafel noch einmal aufstellen? Ab da wird in Luft neu gemessen; Weißbild und Blende bleiben.",
+    other:
+      "Tafel noch einmal aufstellen? Ab da wird in Luft neu gemessen; das Weißbild und eine schon eingestellte Blende bleiben.",
   },
   againYes: "Wiederholen",
   againNo: "So lassen",

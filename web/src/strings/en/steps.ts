@@ -37,7 +37,8 @@ export const steps = {
   againSure: {
     white_frame:
       "Take the white frame again? What was measured by it in air is measured anew; the job goes on from there.",
-    other: "Put the board up again? Air is measured anew from there; the white frame and the aperture stay.",
+    other:
+      "Put the board up again? Air is measured anew from there; the white frame, and an aperture that has been set, stay.",
   },
   againYes: "Do it again",
   againNo: "Leave it",
