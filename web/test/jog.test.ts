@@ -1,5 +1,6 @@
 import { afterEach, beforeEach, describe, expect, it, vi } from "vitest";
-import { BEAT_MS, Jog, LAPSE_MS, type JogCalls, type Press } from "../src/bench/jog";
+import { BEAT_MS, Jog, LAPSE_MS, TURN_MS, type JogCalls, type Press } from "../src/bench/jog";
+import { MOVING } from "../src/daemon/over";
 import type { Problem } from "../src/daemon/wire";
 
 const press: Press = { axis: "e", towards: "low", speedMmPerS: 0.5 };
@@ -138,6 +139,29 @@ describe("press and hold", () => {
     await vi.advanceTimersByTimeAsync(10 * BEAT_MS);
     expect(told).toEqual(["go e low", "end e", "failed 409"]);
     expect(jog.pressed).toBeNull();
+  });
+
+  it("waits for the motion before it to end, and no longer than that takes", async () => {
+    const moving: Problem = { ...refusal, type: MOVING };
+    let answer: Problem | null = moving;
+    const turned = held(() => Promise.resolve(answer));
+    turned.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(2 * BEAT_MS + 10);
+    answer = null;
+    await vi.advanceTimersByTimeAsync(BEAT_MS);
+    expect(turned.told).toEqual(["go e low", "go e low", "go e low", "go e low"]);
+    expect(turned.jog.pressed).toBe(press);
+    // Once it moves, another motion is news.
+    answer = moving;
+    await vi.advanceTimersByTimeAsync(BEAT_MS);
+    expect(turned.told.slice(4)).toEqual(["go e low", "end e", "failed 409"]);
+
+    const long = held(() => Promise.resolve(moving));
+    long.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(TURN_MS - 10);
+    expect(long.jog.pressed).toBe(press);
+    await vi.advanceTimersByTimeAsync(2 * BEAT_MS);
+    expect(long.told.slice(-2)).toEqual(["end e", "failed 409"]);
   });
 
   it("lets one press go before another begins", async () => {

@@ -2,6 +2,7 @@
 // motion 0.3 s after the last word. Nothing is told after the release, and what was on its way then is taken back.
 
 import { pageNow } from "../browser/page-clock";
+import { MOVING } from "../daemon/over";
 import type { AxisName, Problem, Side } from "../daemon/wire";
 
 /** Between two words; the daemon waits 300 ms. */
@@ -9,6 +10,9 @@ export const BEAT_MS = 100;
 /** After so long without a word the axis has stood for a while, ms: the computer has slept, or the network was away, and nobody
  *  is to find it moving on. */
 export const LAPSE_MS = 1000;
+
+/** So long a press waits for the motion before it to end, ms: whoever turns round presses sooner than an axis stands. */
+export const TURN_MS = 800;
 
 export interface Press {
   axis: AxisName;
@@ -33,6 +37,8 @@ export class Jog {
   private timer: ReturnType<typeof setInterval> | null = null;
   private onTheWay = false;
   private toldAt = 0;
+  private begunAt = 0;
+  private moves = false;
   private ends = 0;
 
   constructor(private readonly calls: JogCalls) {}
@@ -48,7 +54,8 @@ export class Jog {
     // By it the daemon tells a press that is over from a new one, although both are the same button's.
     this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
-    this.toldAt = pageNow();
+    this.toldAt = this.begunAt = pageNow();
+    this.moves = false;
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
     void this.tell(press);
   }
@@ -75,7 +82,9 @@ export class Jog {
     if (this.press !== press) {
       // Released meanwhile: this word may have come after the end.
       if (problem === null) await this.end(press);
-    } else if (problem) {
+    } else if (problem === null) {
+      this.moves = true;
+    } else if (this.moves || problem.type !== MOVING || pageNow() - this.begunAt > TURN_MS) {
       this.release();
       this.calls.failed(problem);
     }

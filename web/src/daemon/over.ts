@@ -3,7 +3,7 @@
 import type { Bench, Problem } from "./wire";
 
 /** A command that was refused because an axis moved. */
-const MOVING = "urn:plenalign:problem:moving";
+export const MOVING = "urn:plenalign:problem:moving";
 
 /** Whether what the bench says now ends a problem. */
 export function isOver({ type, axis }: Problem, bench: Bench): boolean {
