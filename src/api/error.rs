@@ -481,7 +481,7 @@ impl From<Refusal> for Problem {
                 Self::refused("spans-motion", "The frame spans motion", it, json!({ "axes": axes }))
             }
             Refusal::NotMeasurable { .. } => Self::refused("not-measurable", "Nothing can be measured", it, json!({})),
-            Refusal::NotViewable { .. } => Self::refused("not-viewable", "No picture can be made", it, json!({})),
+            Refusal::NotViewable { .. } => Self::refused("not-viewable", "This view cannot be made", it, json!({})),
             Refusal::NoControl { control, .. } => {
                 Self::refused("no-control", "The camera cannot be set so", it, json!({ "control": control }))
             }

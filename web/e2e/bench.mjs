@@ -194,6 +194,23 @@ try {
     await ana.page.mouse.up();
     await still(axis, "the axis moves on after the release");
   }
+  // Whoever has gone too far turns round before the axis stands.
+  await press(ana.page, forward);
+  await until(async () => (await bench()).axes.some((axis) => axis.moving), "the axis does not move");
+  await ana.page.mouse.up();
+  await press(ana.page, hold(ana.page, "focus", "low"));
+  const turned = await position("focus");
+  await until(async () => (await position("focus")) < turned - 0.1, "the axis does not turn round");
+  assert.equal(await ana.page.locator("header .problem").count(), 0, "turning round is refused");
+  // A stop takes the focus from it, and gives it back.
+  await ana.page.keyboard.press("Space");
+  await ana.page.locator("#reset:focus").waitFor();
+  await ana.page.mouse.up();
+  await resetStop(ana.page, "tried while it was held");
+  await until(
+    () => hold(ana.page, "focus", "low").evaluate((it) => it === document.activeElement),
+    "the button has not the focus again",
+  );
 
   step("a button held through a stop and its reset moves nothing until it is pressed again");
   await forward.scrollIntoViewIfNeeded();
@@ -267,12 +284,13 @@ try {
   await photograph(ana.page, "clipped");
   await darken(ana.page, "clipped");
   await exposure(ana.page).fill("rubbish");
-  await ana.page.locator("#auto-exposure").click();
+  await ana.page.locator("#auto-exposure").press("Enter");
   await ana.page
     .locator(".auto-exposure [role=status]", { hasText: /at [78]\d % of white, 0\.[01]\d % are clipped/ })
     .waitFor({ timeout: 30_000 });
   await ana.page.locator(".histogram[data-clipped=false]").waitFor({ timeout: 20_000 });
   assert(Number(await exposure(ana.page).inputValue()) < 100);
+  await ana.page.locator("#auto-exposure:focus").waitFor();
   await photograph(ana.page, "exposed");
 
   step("a large move is asked about; STOP stays within reach");
@@ -401,8 +419,9 @@ try {
   await ben.page.getByRole("button", { name: "English" }).click();
 
   step("given back, it is free for everybody");
-  await ben.page.getByRole("button", { name: "Release control" }).click();
+  await ben.page.locator(".lease button[aria-disabled=false]", { hasText: "Release control" }).press("Enter");
   await ana.page.locator(".lease[data-lease=free]").waitFor();
+  await ben.page.locator(".lease[data-lease=free] button:focus", { hasText: "Take control" }).waitFor();
 
   step("over a line that is late from the first what comes is old, however steadily it comes");
   const line = await lateLine(address, 2500);

@@ -8,6 +8,7 @@ import { Cadence, LEISURELY_MS, SOON_MS } from "./browser/cadence";
 import { keyOfAddress, type ConfirmKey } from "./daemon/confirm-key";
 import { keepToOne } from "./daemon/copies";
 import { eyepiece } from "./picture/eyepiece";
+import { watchFocus } from "./browser/focus";
 import { install } from "./browser/install";
 import { jog, watchJog } from "./bench/jogging";
 import { callMe } from "./words/names";
@@ -255,6 +256,7 @@ eyepiece.start(receiveReport, () => {
   cadence.due(SOON_MS);
 });
 document.addEventListener("visibilitychange", heed);
+watchFocus();
 watchJog((problem) => update({ problem }));
 watchStopKey(
   () => state.preferences.stopKey,

@@ -1,4 +1,4 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect } from "preact/hooks";
 import { spoken } from "../words/language";
 import { strings } from "../strings";
 import { jobUnderWay, turnOf, type State } from "../state";
@@ -60,13 +60,6 @@ export function App({ state, newest, now, update, enter, leave, makeToken, hande
     document.title = strings.windowTitle(where, simulated, lost ? "lost" : turn);
   }, [simulated, where, turn, lost, language]);
   const stranger = state.session === "stranger";
-  const [was] = useState({ stranger });
-  useEffect(() => {
-    // The form that one signed in by is no more.
-    const lost = was.stranger && !stranger && document.activeElement === document.body;
-    was.stranger = stranger;
-    if (lost) document.getElementById("content")?.focus({ preventScroll: true });
-  }, [stranger]);
   if (stranger) {
     return (
       <>

@@ -19,8 +19,7 @@ export function Secret({ made, kept }: Props) {
     const from = document.activeElement;
     copying.current?.focus({ preventScroll: true });
     return () => {
-      const back = from !== document.body && from?.isConnected ? from : document.getElementById("content");
-      if (back instanceof HTMLElement) back.focus({ preventScroll: true });
+      if (from instanceof HTMLElement && from.isConnected) from.focus({ preventScroll: true });
     };
   }, []);
   return (

@@ -1,4 +1,5 @@
 import { useEffect, useRef, useState } from "preact/hooks";
+import { isFocusLost } from "../browser/focus";
 import * as api from "../daemon/api";
 import { clock } from "../words/format";
 import { called } from "../words/names";
@@ -74,19 +75,30 @@ export function StopNotices(given: Given) {
   );
 }
 
-/** A stop takes the focus from a field, which is dead until the reset, and the reset from the question why. Whoever is at the
- *  keyboard is led to the one, and then back to the field. */
+/** A stop takes the focus from what is dead until the reset, and the reset from the question why. Whoever is at the keyboard is
+ *  led to the one, and then back. */
 function useFocusKept(latched: boolean) {
-  const [held] = useState<{ latched: boolean; by: Element | null }>({ latched: false, by: null });
+  const [held] = useState<{ latched: boolean; stopped: boolean; at: HTMLElement | null }>({
+    latched: false,
+    stopped: false,
+    at: null,
+  });
+  const focused = document.activeElement;
   // Before what is drawn now takes it.
-  if (latched && !held.latched) held.by = document.activeElement;
+  if (latched && !held.latched)
+    held.at = focused instanceof HTMLElement && focused !== document.body ? focused : null;
   held.latched = latched;
   useEffect(() => {
-    if (document.activeElement !== document.body) return;
-    const field = held.by instanceof HTMLInputElement && held.by.isConnected ? held.by : null;
-    if (latched && field) document.getElementById("reset")?.focus({ preventScroll: true });
-    else if (held.by && !latched)
-      (field ?? document.getElementById("content"))?.focus({ preventScroll: true });
+    const lost = isFocusLost();
+    if (latched) {
+      held.stopped = true;
+      // What is not dead keeps it.
+      if (!lost) held.at = null;
+      if (held.at) document.getElementById("reset")?.focus({ preventScroll: true });
+    } else if (lost && held.stopped) {
+      const back = held.at?.isConnected ? held.at : document.getElementById("content");
+      back?.focus({ preventScroll: true });
+    }
   }, [latched]);
 }
 

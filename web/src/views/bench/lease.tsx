@@ -1,3 +1,5 @@
+import { useLayoutEffect, useRef } from "preact/hooks";
+import { isFocusLost } from "../../browser/focus";
 import * as api from "../../daemon/api";
 import { secondsLeft } from "../../daemon/clock";
 import { able, may } from "../../state";
@@ -15,9 +17,8 @@ export function Lease({ state, act, now }: Given) {
   const [asked, ask] = useAsked<string>(able(state, "admin"));
   // Where control is taken it is given back, too.
   const settled = useSettled(state.bench?.lease?.id ?? "free");
-  const bench = state.bench;
-  if (!bench) return null;
-  const lease = bench.lease ?? null;
+  const { bench } = state;
+  const lease = bench?.lease ?? null;
   const commanding = may(state, "control");
   // Whoever signed in since may do less than whoever took it here.
   const mine = commanding && lease !== null && api.lease.other(lease) === null;
@@ -40,8 +41,15 @@ export function Lease({ state, act, now }: Given) {
           ? ""
           : strings.lease.left(left);
   const holder = lease === null ? "free" : mine ? "mine" : "others";
+  const box = useRef<HTMLDivElement>(null);
+  // Once this is drawn, what had the focus is another button.
+  const within = box.current?.contains(document.activeElement) ?? false;
+  useLayoutEffect(() => {
+    if (within && isFocusLost()) box.current?.querySelector("button")?.focus({ preventScroll: true });
+  }, [holder]);
+  if (!bench) return null;
   return (
-    <div class="lease" data-lease={state.link === "open" ? holder : "unclear"}>
+    <div ref={box} class="lease" data-lease={state.link === "open" ? holder : "unclear"}>
       <p role="status">
         {words} {more && <span class="quiet">{more}</span>}
       </p>

@@ -1,5 +1,6 @@
 import { moment, sentence } from "../../words/format";
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
+import { isFocusLost } from "../../browser/focus";
 import * as api from "../../daemon/api";
 import { called } from "../../words/names";
 import { addressOf } from "../../browser/route";
@@ -92,7 +93,7 @@ function useHeir(running: boolean) {
     const card = page.current?.querySelector<HTMLElement>("section.job");
     if (!held.heir || !card) return;
     held.heir = false;
-    if (document.activeElement === document.body) card.focus({ preventScroll: true });
+    if (isFocusLost()) card.focus({ preventScroll: true });
   });
   return page;
 }

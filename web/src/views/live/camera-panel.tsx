@@ -51,7 +51,6 @@ export function CameraPanel(given: Given) {
   const why = state.link === "open" ? closed : strings.camera.reason.link;
   const controls = light?.controls ?? [];
   const settable = controls.some(({ locked }) => locked == null);
-  const disabled = why !== null || searching;
 
   const set = async (control: LightControl, value: number) => {
     tell(null);
@@ -86,8 +85,9 @@ export function CameraPanel(given: Given) {
         <Control
           key={`${control.name} ${searches}`}
           control={control}
-          closed={closed !== null || searching}
-          disabled={disabled}
+          closed={closed !== null}
+          disabled={why !== null}
+          busy={searching}
           set={set}
         />
       ))}
@@ -97,9 +97,11 @@ export function CameraPanel(given: Given) {
           <button
             type="button"
             id="auto-exposure"
-            disabled={disabled || !settable}
+            disabled={why !== null || !settable}
+            // Whoever pressed it is still there when it has ended.
+            aria-disabled={searching}
             title={strings.camera.autoMore}
-            onClick={() => void auto()}
+            onClick={() => !searching && void auto()}
           >
             {searching ? strings.camera.searching : strings.camera.auto}
           </button>
@@ -130,6 +132,8 @@ interface ControlProps {
   /** Whether nothing may be typed: what is outlasts a connection that comes and goes. */
   closed: boolean;
   disabled: boolean;
+  /** Whether the exposure is being searched for. */
+  busy: boolean;
   set: (control: LightControl, value: number) => Promise<boolean>;
 }
 
@@ -139,7 +143,7 @@ function said(value: number, { step }: LightControl): string {
 }
 
 /** A number with its limits, which is set by Enter, or by the button behind it. */
-function Control({ control, closed, disabled, set }: ControlProps) {
+function Control({ control, closed, disabled, busy, set }: ControlProps) {
   const now = control.value == null ? "" : said(control.value, control);
   const [typed, type] = useState<string | null>(null);
   const name = strings.camera.name[control.name];
@@ -150,8 +154,9 @@ function Control({ control, closed, disabled, set }: ControlProps) {
   const outside = Number.isFinite(value) && (value < control.minimum || value > control.maximum);
   const wrong = typed !== null && (outside || !Number.isFinite(value));
   const locked = control.locked ?? null;
+  const barred = busy || typed === null || wrong;
   const submit = async () => {
-    if (Number.isFinite(value) && (await set(control, value))) type(null);
+    if (!barred && (await set(control, value))) type(null);
   };
   return (
     <form
@@ -178,7 +183,8 @@ function Control({ control, closed, disabled, set }: ControlProps) {
       <button
         type="submit"
         aria-label={strings.camera.setMore(name)}
-        disabled={disabled || locked !== null || typed === null || wrong}
+        disabled={disabled || locked !== null}
+        aria-disabled={barred}
       >
         {strings.camera.set}
       </button>

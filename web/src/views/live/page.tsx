@@ -1,4 +1,5 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
+import { isFocusLost } from "../../browser/focus";
 import { fullScreen } from "../../picture/full-screen";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
@@ -47,7 +48,7 @@ function useLarge(): [boolean, (large: boolean) => void] {
   const [held] = useState({ large });
   useEffect(() => {
     // The button is another one then.
-    const lost = held.large !== large && document.activeElement === document.body;
+    const lost = held.large !== large && isFocusLost();
     held.large = large;
     if (lost) document.getElementById("enlarge")?.focus({ preventScroll: true });
   }, [large]);

@@ -53,8 +53,10 @@ export function Faults({ state, act, load }: Given) {
         <button
           type="button"
           id="faults-none"
-          disabled={!allowed || !(any || planned)}
-          onClick={() => void act(shown(api.clearFaults()))}
+          disabled={!allowed}
+          // Whoever pressed it is still there once nothing is wrong any more.
+          aria-disabled={!(any || planned)}
+          onClick={() => (any || planned) && void act(shown(api.clearFaults()))}
         >
           {words.good}
         </button>
