@@ -126,8 +126,11 @@ try {
     return times.length === FIGURES && hz >= LEAST_HZ && hz;
   }, `fewer than ${LEAST_HZ} figures a second are painted`);
   console.log(`  ${rate.toFixed(1)} figures a second`);
+  // Until a frame has been measured in whole again it may be of two boards, and why it could not be is a long story.
+  await live.and(other.locator(":not([data-direction=doubted])")).waitFor();
   const height = async () => Math.round((await meter.boundingBox()).height);
   const high = await height();
+  const then = await meter.innerText();
 
   step("a spacing that is lost is said to be, in the place of the figure, until it is found again");
   await open(page, "Settings");
@@ -138,7 +141,7 @@ try {
   await meter.locator(".advice small", { hasText: /\w/ }).waitFor();
   assert.doesNotMatch(await meter.innerText(), /IN FOCUS|On target|slightly|Move/);
   assert.equal(await meter.locator("#spacing, .pointer").count(), 0, "a spacing is shown that is lost");
-  assert.equal(await height(), high, "the meter jumps where the spacing is lost");
+  assert.equal(await height(), high, `the meter jumps where the spacing is lost: ${then}`);
   await accessible(other);
   await photograph(other, "spacing-lost");
   await darken(other, "spacing-lost");
