@@ -5,6 +5,7 @@ use plenalign::control::events::InView;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
+use plenalign::device::faults::Faults;
 use plenalign::device::light::ControlName;
 
 use super::bench::{permit, run, service, small_config};
@@ -74,6 +75,17 @@ async fn clarity_alone_holds_e_and_trims() {
     // As the picture has it: the axis's own scale and zero are wrong by what the bench declares.
     assert!((report.e_mm.unwrap() - 12.0).abs() < 0.3, "{:?}", report.e_mm);
     assert!((report.spacing_px.unwrap() - report.spacing_target_px).abs() < 0.03, "{report:?}");
+
+    // One that ends before anything is measured was for the same.
+    let mut faults = Faults::default();
+    faults.camera.unplugged = true;
+    service.bench().simulated.as_ref().unwrap().set_faults(faults);
+    let cut = run(&service, JobRequest { e_mm: Some(12.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
+    ended_as(&cut, JobState::Failed);
+    let report = cut.report.as_ref().unwrap();
+    assert_eq!((report.e_target_mm, report.delta_v_target_mm), (12.0, wanted.delta_v));
+    assert_eq!(report.aperture_mm, wanted.aperture);
+    service.bench().simulated.as_ref().unwrap().set_faults(Faults::default());
 
     let beyond = run(&service, JobRequest { e_mm: Some(-3.0), ..JobRequest::of(JobKind::ClarityOnly) }).await;
     ended_as(&beyond, JobState::Failed);
@@ -152,11 +164,15 @@ async fn measuring_jobs_measure_and_put_back_what_they_moved() {
     let watch = JobRequest { duration_s: Some(8.0), interval_s: Some(2.0), ..JobRequest::of(JobKind::SpacingWatch) };
     let watched = run(&service, watch).await;
     ended_as(&watched, JobState::Succeeded);
-    let Some(Outcome::SpacingWatch { measured, scatter_px, least_px, greatest_px, .. }) = watched.outcome else {
+    let Some(Outcome::SpacingWatch { measured, mean_px, scatter_px, least_px, greatest_px, .. }) = watched.outcome
+    else {
         panic!("{:?}", watched.outcome);
     };
     assert!((3..=5).contains(&measured), "{measured}");
     assert!(scatter_px < 0.02 && greatest_px >= least_px, "{scatter_px}");
+    // All of them are what it reached, not the last one.
+    let reached = watched.progress.measure.as_ref().unwrap();
+    assert_eq!((reached.name.as_str(), reached.value, reached.target), ("spacing_px", mean_px, None));
 }
 
 #[tokio::test(start_paused = true)]
