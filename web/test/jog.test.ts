@@ -141,10 +141,16 @@ describe("press and hold", () => {
     expect(jog.pressed).toBeNull();
   });
 
-  it("waits for the motion before it to end, and no longer than that takes", async () => {
+  it("waits for what the press before it moved to stand, no longer than that takes, and for nothing else", async () => {
     const moving: Problem = { ...refusal, type: MOVING };
-    let answer: Problem | null = moving;
+    let answer: Problem | null = null;
     const turned = held(() => Promise.resolve(answer));
+    turned.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    turned.jog.release();
+    await vi.advanceTimersByTimeAsync(10);
+    turned.told.length = 0;
+    answer = moving;
     turned.jog.begin(press);
     await vi.advanceTimersByTimeAsync(2 * BEAT_MS + 10);
     answer = null;
@@ -156,12 +162,20 @@ describe("press and hold", () => {
     await vi.advanceTimersByTimeAsync(BEAT_MS);
     expect(turned.told.slice(4)).toEqual(["go e low", "end e", "failed 409"]);
 
-    const long = held(() => Promise.resolve(moving));
+    const long = held(() => Promise.resolve(long.names.length > 1 ? moving : null));
+    long.jog.begin({ ...press });
+    await vi.advanceTimersByTimeAsync(10);
     long.jog.begin(press);
     await vi.advanceTimersByTimeAsync(TURN_MS - 10);
     expect(long.jog.pressed).toBe(press);
     await vi.advanceTimersByTimeAsync(2 * BEAT_MS);
     expect(long.told.slice(-2)).toEqual(["end e", "failed 409"]);
+
+    // A move that was ordered, say, which has an axis stand for a moment before its last leg.
+    const other = held(() => Promise.resolve(moving));
+    other.jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    expect(other.told).toEqual(["go e low", "end e", "failed 409"]);
   });
 
   it("lets one press go before another begins", async () => {

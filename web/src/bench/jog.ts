@@ -11,7 +11,8 @@ export const BEAT_MS = 100;
  *  is to find it moving on. */
 export const LAPSE_MS = 1000;
 
-/** So long a press waits for the motion before it to end, ms: whoever turns round presses sooner than an axis stands. */
+/** So long a press waits for that of the press before it to end, ms: whoever turns round presses sooner than an axis stands.
+ *  No other motion is waited for: a press is not to begin between two pieces of it. */
 export const TURN_MS = 800;
 
 export interface Press {
@@ -38,7 +39,9 @@ export class Jog {
   private onTheWay = false;
   private toldAt = 0;
   private begunAt = 0;
-  private moves = false;
+  private endedAt = -Infinity;
+  /** Whether this press follows another one so closely that it may have to wait. */
+  private waits = false;
   private ends = 0;
 
   constructor(private readonly calls: JogCalls) {}
@@ -55,7 +58,7 @@ export class Jog {
     this.name = `${Date.now().toString(36)}-${Math.random().toString(36).slice(2)}`;
     this.calls.changed(press);
     this.toldAt = this.begunAt = pageNow();
-    this.moves = false;
+    this.waits = this.begunAt - this.endedAt < TURN_MS;
     this.timer = setInterval(() => void this.tell(press), BEAT_MS);
     void this.tell(press);
   }
@@ -66,6 +69,7 @@ export class Jog {
     this.press = null;
     if (this.timer !== null) clearInterval(this.timer);
     this.timer = null;
+    this.endedAt = pageNow();
     this.calls.changed(null);
     void this.end(press);
   }
@@ -83,8 +87,8 @@ export class Jog {
       // Released meanwhile: this word may have come after the end.
       if (problem === null) await this.end(press);
     } else if (problem === null) {
-      this.moves = true;
-    } else if (this.moves || problem.type !== MOVING || pageNow() - this.begunAt > TURN_MS) {
+      this.waits = false;
+    } else if (!this.waits || problem.type !== MOVING || pageNow() - this.begunAt > TURN_MS) {
       this.release();
       this.calls.failed(problem);
     }
