@@ -475,6 +475,10 @@ impl JobContext {
             if let Some(measure) = outcome.measure() {
                 job.progress.measure = measure;
             }
+            // Most of what one spacing is uncertain by, the mean of many is, too.
+            if let (Outcome::SpacingWatch { mean_px, .. }, Some(measure)) = (&outcome, &mut job.progress.measure) {
+                measure.value = *mean_px;
+            }
             job.outcome = Some(outcome);
         });
     }

@@ -107,10 +107,6 @@ impl Outcome {
             Self::Calibration { delta_v_mm, image_distance_sigma_mm, .. } => {
                 Some(Some(told("delta_v_mm", *delta_v_mm, *image_distance_sigma_mm)))
             }
-            // Two lie on their line.
-            Self::SpacingWatch { measured, mean_px, scatter_px, .. } if *measured > 2 => {
-                Some(Some(told("spacing_px", *mean_px, scatter_px / f64::from(*measured).sqrt())))
-            }
             Self::Homing { .. } | Self::SpacingWatch { .. } => None,
         }
     }
