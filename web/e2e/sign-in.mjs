@@ -91,6 +91,7 @@ try {
   await page.locator("#sign-in").waitFor();
 
   step("a wrong token is told, a right one lets in");
+  await page.locator("#sign-in input:focus").waitFor();
   await page.locator("#sign-in input").fill("plenalign_wrong");
   await page.locator("#sign-in button").click();
   await page.locator("#sign-in .problem").waitFor();

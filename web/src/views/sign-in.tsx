@@ -1,4 +1,4 @@
-import { useState } from "preact/hooks";
+import { useLayoutEffect, useRef, useState } from "preact/hooks";
 import { moment } from "../words/format";
 import type { State } from "../state";
 import { strings } from "../strings";
@@ -17,6 +17,9 @@ interface Props {
 export function SignIn({ out, handed, enter }: Props) {
   const [key, setKey] = useState("");
   const [problem, setProblem] = useState<Problem | null>(null);
+  const field = useRef<HTMLInputElement>(null);
+  // There is nothing else to be at, and what one was at is gone.
+  useLayoutEffect(() => field.current?.focus(), []);
   const submit = async (event: Event) => {
     event.preventDefault();
     setProblem(await enter(key.trim()));
@@ -35,6 +38,7 @@ export function SignIn({ out, handed, enter }: Props) {
       <label>
         {strings.signIn.token}
         <input
+          ref={field}
           type="password"
           autocomplete="current-password"
           required

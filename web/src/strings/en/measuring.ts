@@ -34,7 +34,7 @@ export const measuring = {
   greyNone: "grey levels come with the next picture",
   distance: (px: string) => `Distance ${px} px`,
   lenses: (count: string) => `${count} micro-images`,
-  along: (dx: number, dy: number) => `${dx} across, ${dy} down`,
+  along: (dx: string, dy: string) => `${dx} across, ${dy} down`,
   keep: "Keep",
   snapshot: "Snapshot",
   snapshotMore: "The picture as it is seen here, with what is laid over it",

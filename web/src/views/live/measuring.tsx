@@ -97,7 +97,7 @@ function RulerSays({ ruler, pitchPx }: { ruler: Ruler; pitchPx: number | null })
     <p class="facts measured" id="distance">
       <b>{words.distance(fixed(px, 1))}</b>
       {pitchPx !== null && pitchPx > 0 && <span>{words.lenses(fixed(px / pitchPx, 2))}</span>}
-      <span>{words.along(ruler.to.x - ruler.from.x, ruler.to.y - ruler.from.y)}</span>
+      <span>{words.along(fixed(ruler.to.x - ruler.from.x, 0), fixed(ruler.to.y - ruler.from.y, 0))}</span>
     </p>
   );
 }
