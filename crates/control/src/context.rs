@@ -472,13 +472,7 @@ impl JobContext {
     pub(super) fn outcome(&self, outcome: Outcome) {
         self.job.change(|job| {
             // What was measured on the way is not what such a job was for.
-            if let Some(measure) = outcome.measure() {
-                job.progress.measure = measure;
-            }
-            // Most of what one spacing is uncertain by, the mean of many is, too.
-            if let (Outcome::SpacingWatch { mean_px, .. }, Some(measure)) = (&outcome, &mut job.progress.measure) {
-                measure.value = *mean_px;
-            }
+            job.progress.measure = outcome.measure(job.progress.measure.take());
             job.outcome = Some(outcome);
         });
     }

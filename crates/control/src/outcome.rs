@@ -89,12 +89,11 @@ pub enum Outcome {
 }
 
 impl Outcome {
-    /// The figure that a job was for, where that is another than it measured on its way: the inner `None` where it came to
-    /// none.
-    pub(super) fn measure(&self) -> Option<Option<Measure>> {
+    /// The figure that a job was for, with what it measured last on its way; `None` where it came to none.
+    pub(super) fn measure(&self, last: Option<Measure>) -> Option<Measure> {
         let told = |name: &str, value: f64, sigma: f64| Measure { name: name.to_owned(), value, sigma, target: None };
         match self {
-            Self::LBound { l_bound_mm, sigma_mm, .. } => Some(Some(told("l_bound_mm", *l_bound_mm, *sigma_mm))),
+            Self::LBound { l_bound_mm, sigma_mm, .. } => Some(told("l_bound_mm", *l_bound_mm, *sigma_mm)),
             Self::FocusSweep { axis, crossing_mm, crossing_sigma_mm, best_focus, .. } => {
                 let curve = best_focus.as_ref().map(|best| (best.position_mm, best.sigma_mm));
                 let best = curve.or(crossing_mm.zip(*crossing_sigma_mm));
@@ -102,12 +101,14 @@ impl Outcome {
                     AxisName::Focus => "best_focus_mm",
                     AxisName::E => "best_focus_e_mm",
                 };
-                Some(best.map(|(at_mm, sigma_mm)| told(name, at_mm, sigma_mm)))
+                best.map(|(at_mm, sigma_mm)| told(name, at_mm, sigma_mm))
             }
             Self::Calibration { delta_v_mm, image_distance_sigma_mm, .. } => {
-                Some(Some(told("delta_v_mm", *delta_v_mm, *image_distance_sigma_mm)))
+                Some(told("delta_v_mm", *delta_v_mm, *image_distance_sigma_mm))
             }
-            Self::Homing { .. } | Self::SpacingWatch { .. } => None,
+            // Most of what one spacing is uncertain by, the mean of many is, too.
+            Self::SpacingWatch { mean_px, .. } => last.map(|last| Measure { value: *mean_px, ..last }),
+            Self::Homing { .. } => last,
         }
     }
 }

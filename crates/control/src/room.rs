@@ -17,6 +17,13 @@ pub struct Contact {
     pub measured_sigma_mm: Option<f64>,
 }
 
+impl Contact {
+    /// Standard uncertainty of how far the lens is from there, e being uncertain by so much; mm.
+    pub fn distance_sigma_mm(&self, e_sigma_mm: f64) -> f64 {
+        e_sigma_mm.hypot(self.measured_sigma_mm.unwrap_or(0.0))
+    }
+}
+
 /// What the e axis's readings mean, with all that is taken for granted. Picture and axis each tell e; where one of them is wrong
 /// by more than is said of it, what both together tell is wrong by a part of that.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,7 +73,7 @@ impl Room {
 
     fn sigmas_left_by(&self, e: AxisModel, reading_mm: f64) -> f64 {
         let (e_mm, sigma_mm) = e.predict(reading_mm);
-        let sigma_mm = sigma_mm.hypot(self.contact.measured_sigma_mm.unwrap_or(0.0));
+        let sigma_mm = self.contact.distance_sigma_mm(sigma_mm);
         let left_mm = e_mm - self.contact.e_mm;
         if sigma_mm > 0.0 { left_mm / sigma_mm } else { left_mm.signum() * f64::INFINITY }
     }

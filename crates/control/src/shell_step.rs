@@ -199,7 +199,7 @@ impl Alignment<'_> {
             }
             Contact { e_mm, measured_sigma_mm: Some(measured_mm) } => format!(
                 "the lens touches the shell at e = {e_mm:.2} ± {measured_mm:.2} mm, as was measured: three times both together, {:.2} mm, have to lie between",
-                3.0 * sigma_mm.hypot(measured_mm)
+                3.0 * room.contact.distance_sigma_mm(sigma_mm)
             ),
         };
         self.note(format!(

@@ -59,8 +59,7 @@ export function App({ state, newest, now, update, enter, leave, makeToken, hande
     document.documentElement.lang = language;
     document.title = strings.windowTitle(where, simulated, lost ? "lost" : turn);
   }, [simulated, where, turn, lost, language]);
-  const stranger = state.session === "stranger";
-  if (stranger) {
+  if (state.session === "stranger") {
     return (
       <>
         <header>

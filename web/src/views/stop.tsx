@@ -78,27 +78,16 @@ export function StopNotices(given: Given) {
 /** A stop takes the focus from what is dead until the reset, and the reset from the question why. Whoever is at the keyboard is
  *  led to the one, and then back. */
 function useFocusKept(latched: boolean) {
-  const [held] = useState<{ latched: boolean; stopped: boolean; at: HTMLElement | null }>({
-    latched: false,
-    stopped: false,
-    at: null,
-  });
-  const focused = document.activeElement;
+  const [held] = useState<{ latched: boolean; at: Element | null }>({ latched: false, at: null });
   // Before what is drawn now takes it.
-  if (latched && !held.latched)
-    held.at = focused instanceof HTMLElement && focused !== document.body ? focused : null;
+  if (latched && !held.latched) held.at = document.activeElement;
   held.latched = latched;
   useEffect(() => {
     const lost = isFocusLost();
-    if (latched) {
-      held.stopped = true;
-      // What is not dead keeps it.
-      if (!lost) held.at = null;
-      if (held.at) document.getElementById("reset")?.focus({ preventScroll: true });
-    } else if (lost && held.stopped) {
-      const back = held.at?.isConnected ? held.at : document.getElementById("content");
-      back?.focus({ preventScroll: true });
-    }
+    // What is not dead keeps it.
+    if (latched && (!lost || held.at === document.body)) held.at = null;
+    if (!lost || !(held.at instanceof HTMLElement)) return;
+    (latched ? document.getElementById("reset") : held.at)?.focus({ preventScroll: true });
   }, [latched]);
 }
 

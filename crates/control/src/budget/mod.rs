@@ -175,26 +175,17 @@ impl Budget {
             let part = self.parts.iter().max_by(|one, other| cost(one).total_cmp(&cost(other)));
             part.map_or_else(String::new, |part| format!(", mostly for the {}: {}", part.name, part.remedy))
         };
-        let said = |what: &str, verdict: Verdict, value: String, to_be: String, why: String| match verdict {
-            Verdict::CannotBeTold => {
-                format!("whether {what} = {value} is within tolerance ({to_be}) cannot be told{why}")
+        let said = |what: &str, k: usize, (value, sigma): (f64, f64), verdict, digits: usize, why: String| {
+            let value = format!("{what} = {value:.digits$} ± {sigma:.digits$} mm");
+            let to_be = format!("({:.digits$} mm, give or take {:.digits$} mm)", wanted[k], tolerance[k]);
+            match verdict {
+                Verdict::CannotBeTold => format!("whether {value} is within tolerance {to_be} cannot be told{why}"),
+                verdict => format!("{value} is {verdict} {to_be}"),
             }
-            verdict => format!("{what} = {value} is {verdict} ({to_be})"),
         };
-        let delta_v = said(
-            "Δv",
-            self.delta_v,
-            format!("{:.4} ± {:.4} mm", self.delta_v_mm, self.delta_v_sigma_mm),
-            format!("{:.4} mm, give or take {:.4} mm", wanted[0], tolerance[0]),
-            most(|part| part.delta_v_mm),
-        );
-        let e = said(
-            "e",
-            self.e,
-            format!("{:.3} ± {:.3} mm", self.e_mm, self.e_sigma_mm),
-            format!("{:.3} mm, give or take {:.3} mm", wanted[1], tolerance[1]),
-            most(|part| part.e_mm),
-        );
+        let (delta_v, e) = ((self.delta_v_mm, self.delta_v_sigma_mm), (self.e_mm, self.e_sigma_mm));
+        let delta_v = said("Δv", 0, delta_v, self.delta_v, 4, most(|part| part.delta_v_mm));
+        let e = said("e", 1, e, self.e, 3, most(|part| part.e_mm));
         format!(
             "{focus} (the blur is {:.3} ± {:.3} px); {delta_v}; {e}",
             self.off_focus_px.abs(),
