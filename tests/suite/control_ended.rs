@@ -350,6 +350,22 @@ async fn what_is_said_of_the_shell_waits_for_the_axes() {
     service.shut_down().await;
 }
 
+/// An axis stands between two pieces of its way: one that takes turns with it is not to begin there, nor end it.
+#[tokio::test]
+async fn an_axis_that_takes_turns_waits_for_the_other_ones_command() {
+    let fakes = fakes();
+    *fakes.e.takes_turns_with.lock().unwrap() = Some(AxisName::Focus);
+    *fakes.e.homes_also.lock().unwrap() = Some(AxisName::Focus);
+    let (motion, admit) = rules(small_config(1), fakes.bench);
+    let moves = motion.claim(&admit(), AxisName::Focus).unwrap();
+    let refused = motion.claim(&admit(), AxisName::E).unwrap_err();
+    assert_eq!(refused, Refusal::Moving { axis: AxisName::Focus }.into());
+    drop(moves);
+    motion.home(&admit(), AxisName::E).await.unwrap();
+    motion.release(&admit(), AxisName::E).await.unwrap();
+    motion.claim(&admit(), AxisName::E).unwrap();
+}
+
 /// Where one command homes both axes, both are taken: none goes on from where it no longer stands.
 #[tokio::test]
 async fn homing_takes_along_the_axis_that_its_controller_takes_along() {

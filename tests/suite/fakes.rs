@@ -24,6 +24,8 @@ pub(crate) struct StillStage {
     pub(crate) delivery: Mutex<StopDelivery>,
     /// The other axis, where it is to be homed with that one only.
     pub(crate) homes_also: Mutex<Option<AxisName>>,
+    /// The other axis, where only one of the two may move at a time.
+    pub(crate) takes_turns_with: Mutex<Option<AxisName>>,
     /// Where it was told to go, mm.
     pub(crate) told: Mutex<Vec<f64>>,
     /// While this is set, neither a move nor a stop ends.
@@ -46,6 +48,7 @@ impl StillStage {
             state,
             delivery: Mutex::new(StopDelivery::Confirmed),
             homes_also: Mutex::new(None),
+            takes_turns_with: Mutex::new(None),
             told: Mutex::default(),
             held: watch::channel(false).0,
         }
@@ -91,6 +94,10 @@ impl Stage for StillStage {
 
     fn homes_also(&self) -> Option<AxisName> {
         *self.homes_also.lock().unwrap()
+    }
+
+    fn takes_turns_with(&self) -> Option<AxisName> {
+        *self.takes_turns_with.lock().unwrap()
     }
 
     async fn home(&self, _: u64) -> Result<(), DeviceError> {

@@ -37,7 +37,10 @@ fn request(owner: &str, ttl_s: u64) -> LeaseRequest {
 
 impl Rig {
     pub(super) async fn new() -> Self {
-        let far = FarEnd::new();
+        Self::with(FarEnd::new(false)).await
+    }
+
+    async fn with(far: FarEnd) -> Self {
         let controller = far.controller();
         controller.first_attempt().await.unwrap();
         let stage = |axis| Arc::new(controller.stage(axis).unwrap());
@@ -281,6 +284,42 @@ async fn tried_without_history(steps: &Steps, name: &str, begin: Command, polls:
     assert!(written > 0 || orders(|_| true) == 0, "{name}, after {polls} polls: it moved, and nothing is written");
     rig.service.shut_down().await;
     true
+}
+
+/// The axes of the orders that went out where another command came after so many polls of the first, by turns; none
+/// where the first had ended before.
+async fn turns(steps: &Steps, first: Command, second: Command, polls: usize) -> Option<Vec<AxisName>> {
+    let rig = Rig::with(FarEnd::new(true)).await;
+    let commanded = first(&rig);
+    if !steps.after(polls, || commanded.is_finished()).await {
+        return None;
+    }
+    second(&rig).await.unwrap();
+    commanded.await.unwrap();
+    rig.service.shut_down().await;
+    let of_order = |told: &Told| match told {
+        Told::Order(axis, _) => Some(*axis),
+        _ => None,
+    };
+    let mut turns: Vec<_> = rig.far.told().iter().filter_map(of_order).collect();
+    turns.dedup();
+    Some(turns)
+}
+
+#[test]
+fn axes_that_take_turns_move_one_after_the_other() {
+    const PAIRS: [(Command, Command); 4] = [(moves, jogs), (moves, homes), (jogs, moves), (homes, moves)];
+    let (mut points, mut refused) = (0, 0);
+    for (first, second) in PAIRS {
+        for polls in 0.. {
+            let Some(turns) = stepwise(|steps| async move { turns(&steps, first, second, polls).await }) else { break };
+            assert!(turns.len() <= 2, "after {polls} polls: {turns:?}");
+            points += 1;
+            refused += usize::from(turns.len() == 1);
+        }
+    }
+    println!("{points} points, {refused} of them refused");
+    assert!(refused > points / 10, "{refused} of {points}");
 }
 
 fn try_all(commands: &[(&str, Command)]) {

@@ -34,6 +34,8 @@ pub(super) enum Told {
 pub(super) struct FarEnd(Arc<Inner>);
 
 struct Inner {
+    /// Whether it moves one axis at a time.
+    takes_turns: bool,
     told: Mutex<Vec<Told>>,
     delivery: Mutex<StopDelivery>,
     links: Mutex<Vec<AxisLink>>,
@@ -43,8 +45,9 @@ struct Inner {
 }
 
 impl FarEnd {
-    pub(super) fn new() -> Self {
+    pub(super) fn new(takes_turns: bool) -> Self {
         Self(Arc::new(Inner {
+            takes_turns,
             told: Mutex::default(),
             delivery: Mutex::new(StopDelivery::Confirmed),
             links: Mutex::default(),
@@ -204,6 +207,7 @@ impl Session for NearEnd {
     fn facts(&self, axis: usize) -> AxisFacts {
         let config = &self.axes[axis].setup().config;
         AxisFacts {
+            takes_turns_with: self.far.0.takes_turns.then(|| self.axes[1 - axis].name()),
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: config.acceleration_mm_per_s2,
             ..AxisFacts::default()

@@ -69,6 +69,8 @@ async fn homing_that_takes_another_axis_along_since_it_was_connected_moves_nothi
     let kit = kit(|_| {});
     let rig = kit.connect().await.unwrap();
     assert_eq!(rig.focus.homes_also(), None);
+    // They move one after the other all the same.
+    assert_eq!([&rig.focus, &rig.e].map(|stage| stage.takes_turns_with()), [Some(AxisName::E), Some(AxisName::Focus)]);
     rig.twin.receive(b"$22=1\n");
     let error = rig.focus.home(rig.focus.generation()).await.unwrap_err();
     assert!(error.to_string().contains("the e axis too"), "{error}");

@@ -236,6 +236,11 @@ pub trait Stage: Send + Sync {
         None
     }
 
+    /// The other axis, where this one's controller moves one of the two at a time, and a stop of either ends what moves.
+    fn takes_turns_with(&self) -> Option<AxisName> {
+        None
+    }
+
     /// What a command that is admitted now carries. Every stop makes another one, and what carries an older one ends, or
     /// does not begin: [`DeviceError::Stopped`].
     fn generation(&self) -> u64;

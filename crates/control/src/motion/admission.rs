@@ -153,10 +153,10 @@ impl Motion {
     /// Takes the right to command an axis, which a command that answers before its end holds until then.
     ///
     /// # Errors
-    /// [`Refusal::Moving`] while another command has it, or one under an earlier lease has yet to end; those of
-    /// [`Motion::in_force`].
+    /// [`Refusal::Moving`] while another command has it, or has the one that it takes turns with, or one under an earlier
+    /// lease has yet to end; those of [`Motion::in_force`].
     pub fn claim(&self, admission: &Admission, axis: AxisName) -> Result<Claim, ServiceError> {
-        Ok(Claim { command: self.take(admission, axis)?, along: None })
+        self.claim_with(admission, axis, None)
     }
 
     /// [`Motion::claim`] of an axis to be homed, with the other one where its controller homes both at once.
@@ -164,12 +164,27 @@ impl Motion {
     /// # Errors
     /// Those of [`Motion::claim`].
     pub fn claim_homing(&self, admission: &Admission, axis: AxisName) -> Result<Claim, ServiceError> {
-        let along = self.bench.stage(axis).homes_also().map(|other| self.take(admission, other)).transpose()?;
-        Ok(Claim { command: self.take(admission, axis)?, along })
+        self.claim_with(admission, axis, self.bench.stage(axis).homes_also())
     }
 
-    /// Takes an axis for a command.
-    fn take(&self, admission: &Admission, axis: AxisName) -> Result<Arc<Commanded>, ServiceError> {
+    /// [`Motion::claim`] of an axis, and of the one that its controller takes along.
+    pub(super) fn claim_with(
+        &self,
+        admission: &Admission,
+        axis: AxisName,
+        along: Option<AxisName>,
+    ) -> Result<Claim, ServiceError> {
+        let taken_along = along.map(|other| self.take(admission, other, None)).transpose()?;
+        Ok(Claim { command: self.take(admission, axis, along)?, along: taken_along })
+    }
+
+    /// Takes an axis for a command, which has the one along already.
+    fn take(
+        &self,
+        admission: &Admission,
+        axis: AxisName,
+        along: Option<AxisName>,
+    ) -> Result<Arc<Commanded>, ServiceError> {
         self.in_force(admission, axis)?;
         let command = Arc::new(Commanded {
             axis,
@@ -177,11 +192,14 @@ impl Motion {
             control_ended: AtomicBool::new(false),
             freed: Arc::clone(&self.commands.freed),
         });
+        // Between two pieces of its way an axis stands, and is under its command all the same.
+        let turns = self.bench.stage(axis).takes_turns_with().filter(|&other| along != Some(other));
         {
             let mut claimed = self.commands.claimed();
             for (other, taken) in AxisName::ALL.into_iter().zip(claimed.iter().map(Weak::upgrade)) {
+                let bars = other == axis || turns == Some(other);
                 // Ending another lease's command may stop this axis, too.
-                if taken.is_some_and(|taken| other == axis || taken.admission.permit != admission.permit) {
+                if taken.is_some_and(|taken| bars || taken.admission.permit != admission.permit) {
                     return Err(Refusal::Moving { axis: other }.into());
                 }
             }

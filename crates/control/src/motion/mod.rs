@@ -445,10 +445,7 @@ impl Motion {
     pub async fn release(&self, admission: &Admission, axis: AxisName) -> Result<(), ServiceError> {
         let _moving = enter(Part::Motion);
         // A controller may be able to switch off all of its motors only.
-        let _others =
-            AxisName::ALL.into_iter().filter(|&other| other != axis).map(|other| self.claim(admission, other));
-        let _others = _others.collect::<Result<Vec<_>, _>>()?;
-        let claim = self.claim(admission, axis)?;
+        let claim = self.claim_with(admission, axis, AxisName::ALL.into_iter().find(|&other| other != axis))?;
         let underway = self.record(axis, "release", None).await?;
         self.state().approached[index(axis)] = false;
         let ended = claim.judge("release", self.release_now(&claim).await);

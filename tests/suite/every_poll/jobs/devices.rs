@@ -54,6 +54,10 @@ impl Stage for Told {
         self.stage.homes_also()
     }
 
+    fn takes_turns_with(&self) -> Option<AxisName> {
+        self.stage.takes_turns_with()
+    }
+
     fn generation(&self) -> u64 {
         self.stage.generation()
     }

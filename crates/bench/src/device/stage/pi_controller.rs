@@ -199,10 +199,10 @@ impl PiDialogue {
         let mut facts = AxisFacts {
             disagreements,
             contradictions,
-            homes_also: None,
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
             limits_mm: Some(limits_mm),
+            ..AxisFacts::default()
         };
         facts.note(setup.compare_limits(limits_mm.0, limits_mm.1));
         Ok(Axis { name, bit: 1 << index, scale, facts, limits, homes_negative })

@@ -57,6 +57,8 @@ pub struct AxisFacts {
     pub contradictions: Vec<String>,
     /// The other axis, where the controller can home only both at once.
     pub homes_also: Option<AxisName>,
+    /// The other axis, where the controller moves one of the two at a time.
+    pub takes_turns_with: Option<AxisName>,
     /// Speed that the axis really has, mm/s.
     pub speed_mm_per_s: f64,
     /// Acceleration that the axis really has, mm/s².

@@ -322,6 +322,10 @@ impl Stage for ControllerStage {
         self.shared.facts(self.index)?.homes_also
     }
 
+    fn takes_turns_with(&self) -> Option<AxisName> {
+        self.shared.facts(self.index)?.takes_turns_with
+    }
+
     fn generation(&self) -> u64 {
         self.shared.orders.generation()
     }

@@ -252,11 +252,11 @@ impl TmclDialogue {
         let facts = AxisFacts {
             disagreements,
             contradictions,
-            homes_also: None,
             speed_mm_per_s: config.speed_mm_per_s,
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
             // TMCL has switches at the ends and no limits in numbers.
             limits_mm: None,
+            ..AxisFacts::default()
         };
         let homes_negative = setup.homes_negative();
         Ok(Axis { motor, scale, facts, homes_negative, standby: AtomicI32::new(UNTOUCHED) })

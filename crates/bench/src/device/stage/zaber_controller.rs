@@ -187,10 +187,10 @@ impl ZaberDialogue {
         let mut facts = AxisFacts {
             disagreements,
             contradictions,
-            homes_also: None,
             speed_mm_per_s: speed.min(config.speed_mm_per_s).max(1e-6),
             acceleration_mm_per_s2: acceleration.min(config.acceleration_mm_per_s2).max(1e-6),
             limits_mm: Some(limits_mm),
+            ..AxisFacts::default()
         };
         facts.note(setup.compare_limits(limits_mm.0, limits_mm.1));
         Ok(Axis { number, scale, facts, limits })

@@ -24,10 +24,10 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, settings: &Settings, dial
     let mut facts = AxisFacts {
         disagreements: disagreements(setup, letter, settings),
         contradictions: contradictions(setup, letter, settings, dialect),
-        homes_also: None,
         speed_mm_per_s: setup.config.speed_mm_per_s.min(rate).max(1e-6),
         acceleration_mm_per_s2: setup.config.acceleration_mm_per_s2.min(acceleration).max(1e-6),
         limits_mm,
+        ..AxisFacts::default()
     };
     facts.disagreements.extend(near_switch(setup, settings));
     if let Some((low, high)) = limits_mm {

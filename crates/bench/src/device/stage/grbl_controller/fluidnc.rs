@@ -114,10 +114,10 @@ pub(super) fn facts(setup: &AxisSetup, letter: Letter, tree: &Tree, letters: &[L
     let mut facts = AxisFacts {
         disagreements,
         contradictions,
-        homes_also: None,
         speed_mm_per_s: setup.config.speed_mm_per_s.min(rate).max(1e-6),
         acceleration_mm_per_s2: setup.config.acceleration_mm_per_s2.min(acceleration).max(1e-6),
         limits_mm,
+        ..AxisFacts::default()
     };
     if let Some((low, high)) = limits_mm {
         facts.note(setup.compare_limits(low, high));

@@ -51,8 +51,9 @@ impl Told {
             Self::Settings { settings, dialect, zero, .. } => checks::facts(setup, letter, settings, *dialect, *zero),
             Self::Tree(tree, letters) => fluidnc::facts(setup, letter, tree, letters),
         };
-        let homes_also = others.iter().copied().find(|other| *other != setup.axis && !self.homes_single_axes());
-        AxisFacts { homes_also, ..facts }
+        let takes_turns_with = others.iter().copied().find(|other| *other != setup.axis);
+        let homes_also = takes_turns_with.filter(|_| !self.homes_single_axes());
+        AxisFacts { homes_also, takes_turns_with, ..facts }
     }
 
     /// Whether the bench's axes are homed one by one.
