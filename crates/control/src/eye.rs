@@ -38,8 +38,8 @@ const SMEARED_TRIES: usize = 3;
 /// So many standard uncertainties of their difference the spacings of frames may be apart that show the same.
 const SMEARED_SIGMAS: f64 = 4.0;
 /// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
-const LIT: [f32; 2] = [0.1, 0.9];
-const LEAST_LIT: f64 = 0.01;
+const NOISY: [f32; 2] = [0.1, 0.9];
+const LEAST_NOISY: f64 = 0.01;
 /// What is said of a frame that has the very picture of one before it.
 pub(super) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
                                       as if it were new; unplug it and plug it in again";
@@ -698,16 +698,17 @@ fn images(frames: &[Arc<Frame>]) -> Vec<&RawImage> {
     frames.iter().map(|frame| &*frame.image).collect()
 }
 
-/// Whether two frames are the same to the last pixel, and have enough light between black and white to be noisy: a sensor
-/// that is dark or clipped may well repeat itself.
+/// Whether two frames are the same to the last pixel, and noisy: a sensor that sees nothing but black or white may well
+/// repeat itself. In the dark those pixels are noisy that are not as black as the blackest.
 fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
     let white = f32::from(one.white_level());
-    let lit = |frame: &RawImage| {
-        let (low, high) = (LIT[0] * white, LIT[1] * white);
-        let lit = frame.to_f32().into_iter().filter(|level| (low..high).contains(level)).count();
-        lit as f64 >= LEAST_LIT * frame.samples().len() as f64
+    let is_noisy = |frame: &RawImage| {
+        let levels = frame.to_f32();
+        let blackest = levels.iter().copied().fold(f32::INFINITY, f32::min);
+        let noisy = |&&level: &&f32| level < NOISY[1] * white && (level > blackest || level >= NOISY[0] * white);
+        levels.iter().filter(noisy).count() as f64 >= LEAST_NOISY * levels.len() as f64
     };
-    one == other && lit(one)
+    one == other && is_noisy(one)
 }
 
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
@@ -723,7 +724,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_picture_is_known_again_by_its_light() {
+    fn a_picture_is_known_again_by_its_noise() {
         let frame = |level: u8, one: u8| {
             let mut samples = vec![level; 100 * 100];
             samples[17] = one;
@@ -734,5 +735,14 @@ mod tests {
         // A cap on the lens, and a lamp in it.
         assert!(!is_same_picture(&frame(0, 130), &frame(0, 130)));
         assert!(!is_same_picture(&frame(255, 130), &frame(255, 130)));
+        let dark = |seed: usize| {
+            RawImage::from_u8(
+                100,
+                100,
+                (0..100 * 100).map(|i| u8::from((i * 7919 + seed).is_multiple_of(23))).collect(),
+            )
+        };
+        assert!(is_same_picture(&dark(1), &dark(1)));
+        assert!(!is_same_picture(&dark(1), &dark(2)));
     }
 }
