@@ -434,6 +434,9 @@ describe("the advice", () => {
     // What the air step has set is not to be undone for an e axis that has only to be homed.
     const lost = of({ axes: [focus, { ...e, homed: false }] });
     expect(lost).toEqual({ main: hindered.unhomed.e, other: null });
+    // Nor to be homed while it is refused.
+    const pressed = of({ axes: [focus, { ...e, homed: false, limit_switch: true }] });
+    expect(pressed).toEqual({ main: hindered.onSwitch.e, other: null });
   });
 
   it("begins each of its sentences as one, in each language", () => {
@@ -442,9 +445,14 @@ describe("the advice", () => {
       const all = [
         ...[meter.thereMore("1"), meter.unsureMore, ...Object.values(meter.orderless), meter.doubtedMore("")],
         ...[meter.twoBoards("1", "2", "3"), meter.tooFar("w"), meter.job, meter.oldMore],
-        ...[meter.grows, meter.shrinks, hindered.out, hindered.unhomed, hindered.past].flatMap((of) =>
-          Object.values(of),
-        ),
+        ...[
+          meter.grows,
+          meter.shrinks,
+          hindered.out,
+          hindered.onSwitch,
+          hindered.unhomed,
+          hindered.past,
+        ].flatMap((of) => Object.values(of)),
         ...[hindered.stopped, hindered.history],
         ...[away, towards, grow, shrink].map((of) => of("1 mm")),
       ];

@@ -46,7 +46,8 @@ export function advice(
   // With the shell off there is no e to be moved.
   const e = moved === "e" ? hinders("e", eMm) : focus;
   // It is homed soon; what the air step has set is not given away meanwhile.
-  if (e === words.hindered.unhomed.e) return { main: e, other: null };
+  const { onSwitch, unhomed } = words.hindered;
+  if (e === onSwitch.e || e === unhomed.e) return { main: e, other: null };
   if (e !== null && focus !== null) return { main: e === focus ? e : `${e}. ${focus}`, other: null };
   const way = (reading.direction === "larger" ? words.grows : words.shrinks)[moved];
   if (deltaVMm === null) return { main: reading.pitchPx === null ? way : words.tooFar(way), other: null };

@@ -11,7 +11,8 @@ export function hindrance(bench: Bench | null, moved: Moved, byMm: number | null
   if (bench?.history_fault) return words.history;
   const axis = bench?.axes.find(({ axis }) => axis === (moved === "e" ? "e" : "focus"));
   if (!axis) return null;
-  if (axis.connected && !axis.homed) return words.unhomed[moved];
+  // Its homing is refused until it is off the switch.
+  if (axis.connected && !axis.homed) return (axis.limit_switch ? words.onSwitch : words.unhomed)[moved];
   if (!axis.connected || axis.fault) return words.out[moved];
   if (byMm === null || typeof axis.position_mm !== "number") return null;
   const at = axis.position_mm + byMm;

@@ -146,6 +146,10 @@ export const meter: typeof en.meter = {
       e: "Die e-Achse lässt sich zurzeit nicht verfahren",
       delta_v: "Die Fokusachse lässt sich zurzeit nicht verfahren",
     },
+    onSwitch: {
+      e: "Ein Endschalter der e-Achse ist betätigt: Verfahren Sie sie zuerst vom Schalter weg",
+      delta_v: "Ein Endschalter der Fokusachse ist betätigt: Verfahren Sie sie zuerst vom Schalter weg",
+    },
     unhomed: {
       e: "Die e-Achse ist nicht referenziert: Referenzieren Sie sie zuerst",
       delta_v: "Die Fokusachse ist nicht referenziert: Referenzieren Sie sie zuerst",

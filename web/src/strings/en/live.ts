@@ -155,6 +155,10 @@ export const meter = {
       e: "The e axis cannot be moved now",
       delta_v: "The focus axis cannot be moved now",
     } satisfies Record<Moved, string>,
+    onSwitch: {
+      e: "A limit switch of the e axis is pressed: move it off the switch first",
+      delta_v: "A limit switch of the focus axis is pressed: move it off the switch first",
+    } satisfies Record<Moved, string>,
     unhomed: {
       e: "The e axis is not homed: home it first",
       delta_v: "The focus axis is not homed: home it first",
