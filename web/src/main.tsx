@@ -47,7 +47,7 @@ function takeConfirmKey(): void {
   const found = keyOfAddress(location.hash);
   if (found === null) return;
   handed = found;
-  history.replaceState(null, "", addressOf("alignment"));
+  history.replaceState(null, "", addressOf("alignment", found.job));
   api.confirmKeys.keep(handed);
 }
 
