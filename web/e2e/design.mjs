@@ -2,7 +2,7 @@
 // configuration where that is allowed, and what keeps it from that is said.
 
 import assert from "node:assert/strict";
-import { readFileSync } from "node:fs";
+import { readFileSync, writeFileSync } from "node:fs";
 import { labelled, lengthsIn, printed } from "./checks.mjs";
 import {
   accessible,
@@ -248,8 +248,26 @@ try {
   await wrong.first().waitFor();
   await page.locator(".apply", { hasText: "1 thing is wrong" }).waitFor();
   assert.equal(await wrong.locator(".fault").count(), 1);
+
+  step("what is written into the file elsewhere is shown, with what is being edited here");
+  await page.locator(".find input").fill("radius");
+  await page.locator("#key-shell\\.outer_radius_mm").fill("1,234.5");
+  await page.locator(".config-key .fault", { hasText: "It is no number" }).waitFor();
+  await page.locator("#key-shell\\.outer_radius_mm").fill("10");
+  writeFileSync(
+    place.file,
+    readFileSync(place.file, "utf8").replace("inner_radius_mm = 51", "inner_radius_mm = 50"),
+  );
+  await holds(page.locator("#key-shell\\.inner_radius_mm"), "50");
+  await holds(page.locator("#key-shell\\.outer_radius_mm"), "10");
   await page.getByRole("button", { name: "Undo changes" }).click();
   await open(page, "Design");
+  await holds(page.getByLabel("Inner radius"), "50");
+  writeFileSync(
+    place.file,
+    readFileSync(place.file, "utf8").replace("inner_radius_mm = 50", "inner_radius_mm = 51"),
+  );
+  await holds(page.getByLabel("Inner radius"), "51");
 
   step(
     "started again with another camera, the daemon's is in force on every page that is open, but for what is being edited",

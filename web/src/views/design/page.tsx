@@ -7,6 +7,7 @@ import { strings } from "../../strings";
 import { Newest } from "../../daemon/newest";
 import { reworded, UNITS, type LengthUnit } from "../../words/units";
 import type { ConfigFault, Draft, DraftBase } from "../../daemon/wire";
+import { useAgain } from "../again";
 import type { Given } from "../given";
 import { useKept } from "../kept";
 import { Old } from "../old";
@@ -47,8 +48,10 @@ export function DesignPage(given: Given) {
     const result = await api.config();
     if (!result.ok || stateNow().session === "stranger") return;
     const { stored, restart_required: waiting } = result.value;
-    setFile({ stored: (stored ?? null) as JsonObject | null, etag: result.etag ?? null, waiting });
+    const read = { stored: (stored ?? null) as JsonObject | null, etag: result.etag ?? null, waiting };
+    if (JSON.stringify(read) !== JSON.stringify(stateNow().configFile)) setFile(read);
   };
+  useAgain(connected, read);
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>

@@ -19,6 +19,8 @@ interface Props {
 export function ConfigField(props: Props) {
   const { of, value, changed, faults, locked } = props;
   const id = `key-${of.path}`;
+  // What is no number is told in the page's words: the daemon's are a parser's.
+  const noNumber = of.editor.by === "number" && typeof value === "string";
   const standard = of.standard === undefined ? "" : strings.settings.standard(shown(of.standard));
   return (
     <div class="config-key" data-changed={changed} data-wrong={faults.length > 0}>
@@ -30,7 +32,12 @@ export function ConfigField(props: Props) {
         </small>
       </label>
       <Input {...props} id={id} />
-      {faults.map((fault) => (
+      {noNumber && (
+        <p class="fault" role="alert">
+          {value.trim() === "" ? strings.form.needed : strings.form.noNumber}
+        </p>
+      )}
+      {(noNumber ? [] : faults).map((fault) => (
         <p class="fault" role="alert" lang="en" key={fault.key + fault.message}>
           {fault.message}
         </p>

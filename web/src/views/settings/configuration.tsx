@@ -15,6 +15,7 @@ import { rebased } from "../../design/draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { ConfigCheck, ConfigView, ConfigWritten } from "../../daemon/wire";
+import { useAgain } from "../again";
 import type { Given } from "../given";
 import { ConfigTable, type Editing } from "./config-table";
 import { whatIsWritten } from "./written";
@@ -33,17 +34,18 @@ export function Configuration({ state, act, load: ask }: Given) {
   const [find, setFind] = useState("");
   const stored = (view?.stored ?? null) as JsonObject | null;
 
+  const take = (view: ConfigView, etag: string | null) => {
+    setView(view);
+    setEtag(etag);
+    const now = (view.stored ?? null) as JsonObject | null;
+    // What is being edited stays so, whoever starts the daemon again or writes the file.
+    setDraft((before) => now && rebased(before, stored, now));
+    setCheck(null);
+  };
   const load = () =>
     ask(
       api.config().then((result) => {
-        if (result.ok) {
-          setView(result.value);
-          setEtag(result.etag ?? null);
-          const now = (result.value.stored ?? null) as JsonObject | null;
-          // What is being edited when the daemon starts again stays so.
-          setDraft((before) => now && rebased(before, stored, now));
-          setCheck(null);
-        }
+        if (result.ok) take(result.value, result.etag ?? null);
         return result;
       }),
     );
@@ -51,6 +53,10 @@ export function Configuration({ state, act, load: ask }: Given) {
     void load();
     void api.configSchema().then((result) => result.ok && setTable(tableOf(result.value)));
   }, [state.bootId]);
+  useAgain(state.link === "open" && view !== null, async () => {
+    const result = await api.config();
+    if (result.ok && result.etag !== etag) take(result.value, result.etag ?? null);
+  });
 
   const keys = table ? keysOf(table) : [];
   const changed = keys.filter(
