@@ -12,7 +12,7 @@ use tokio::time::Instant;
 use super::fault::Fault;
 use super::request::Caller;
 use crate::control::Service;
-use crate::control::lease::{LeaseRequest, LeaseView, Permit};
+use crate::control::motion::lease::{LeaseRequest, LeaseView, Permit};
 use crate::device::AxisName;
 
 /// A lease is renewed so often at most: each renewal is written down.

@@ -17,7 +17,7 @@ use super::frame::milliseconds;
 use super::picture::{age, fresh};
 use crate::access::{AuditRecord, Principal};
 use crate::control::ServiceError;
-use crate::control::light::{AutoExposureView, LightView};
+use crate::control::service::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
 use crate::raw::CLIPPED_SHARE;
 

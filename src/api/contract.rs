@@ -14,7 +14,7 @@ use utoipa::openapi::{
 
 use super::security;
 use crate::config::Config;
-use crate::control::draft::SECTIONS;
+use crate::control::design::draft::SECTIONS;
 use crate::control::job::{JobKind, JobRequest};
 
 /// Failures of a command that only the holder of the control lease may give.

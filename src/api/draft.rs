@@ -11,7 +11,7 @@ use super::config::ConfigFault;
 use super::error::{Problem, Result};
 use super::extract::JsonBody;
 use crate::config::{Config, ConfigOrigin};
-use crate::control::draft::DraftView;
+use crate::control::design::draft::DraftView;
 use crate::control::plan::PlanView;
 
 /// What a draft's keys are laid over.

@@ -9,7 +9,7 @@ use super::App;
 use super::error::{Problem, Result};
 use crate::control::design::DesignView;
 use crate::control::events::MeasurementView;
-use crate::control::recent::RecentView;
+use crate::control::service::recent::RecentView;
 
 /// The newest measurement.
 #[utoipa::path(

@@ -79,7 +79,7 @@ use viewport::Viewports;
 
 use crate::access::Gate;
 use crate::config::ConfigOrigin;
-use crate::control::lease::Permit;
+use crate::control::motion::lease::Permit;
 use crate::control::{Service, ServiceError};
 use crate::telemetry;
 

@@ -7,7 +7,7 @@ use image::codecs::png::{CompressionType, FilterType, PngEncoder};
 use image::{ExtendedColorType, ImageEncoder};
 
 use super::picture::{coloured_jpeg, grey_jpeg};
-use crate::control::look::Look;
+use crate::control::service::look::Look;
 use crate::imaging::pictures::PictureError;
 use crate::imaging::view::View;
 

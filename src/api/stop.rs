@@ -14,7 +14,7 @@ use super::types::ResetRequest;
 use crate::access::{AuditRecord, LOCAL, Principal};
 use crate::control::StopReport;
 use crate::control::events::StopView;
-use crate::control::lease::words;
+use crate::control::motion::lease::words;
 
 /// Who stops.
 #[derive(Debug, serde::Deserialize, utoipa::IntoParams)]

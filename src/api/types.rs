@@ -9,7 +9,7 @@ use super::error::Problem;
 use crate::config::Side;
 use crate::control::events::{BenchView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
-use crate::control::lease::LeaseView;
+use crate::control::motion::lease::LeaseView;
 use crate::whole::whole;
 
 /// Where a job is found.

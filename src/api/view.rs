@@ -17,8 +17,8 @@ use super::extract::Query;
 use super::frame::{frame_headers, insert, milliseconds};
 use super::picture::{DEFAULT_QUALITY, Encoding, QUALITIES, age, fresh};
 use super::scene::{Format, Scene, draw};
-use crate::control::look::Look;
-use crate::control::pose::PoseView;
+use crate::control::service::look::Look;
+use crate::control::service::pose::PoseView;
 use crate::control::{Refusal, ServiceError};
 use crate::imaging::pictures::{DepthFigures, LensFigures};
 

@@ -16,7 +16,7 @@ use super::serve::Signals;
 use super::{Context, Settings, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use crate::control::lease::{DEFAULT_TTL_S, LeaseRequest};
+use crate::control::motion::lease::{DEFAULT_TTL_S, LeaseRequest};
 use crate::control::{Service, Shown, open_bench};
 use crate::state_folder::{mend, state_folder};
 use crate::store::Store;

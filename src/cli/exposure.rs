@@ -11,7 +11,7 @@ use serde_json::json;
 
 use super::remote::{Daemon, RemoteArgs};
 use crate::api::camera::{ControlRequest, HistogramView};
-use crate::control::light::{AutoExposureView, LightView};
+use crate::control::service::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
 
 /// The command that takes the lease, and what for.

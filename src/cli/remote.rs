@@ -16,7 +16,7 @@ use crate::api::error::{LEASE_HEADER, Problem};
 use crate::api::server::use_ring;
 use crate::api::types::{Health, JobCreated, JobResource, LeaseAsked, Readiness};
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, Recording, RecordingState};
-use crate::control::lease::LeaseGrant;
+use crate::control::motion::lease::LeaseGrant;
 
 /// Between two looks at the job.
 const POLL: Duration = Duration::from_millis(250);

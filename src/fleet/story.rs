@@ -6,10 +6,10 @@ use jiff::Timestamp;
 use serde::Serialize;
 use uuid::Uuid;
 
+use crate::control::job::outcome::Outcome;
 use crate::control::job::{
     Iteration, JobKind, JobRequest, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Report, Stage,
 };
-use crate::control::outcome::Outcome;
 
 /// Jobs remembered: a late snapshot of an earlier one is not taken for a new job.
 const REMEMBERED: usize = 64;

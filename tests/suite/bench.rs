@@ -7,7 +7,7 @@ use std::time::Duration;
 use plenalign::config::{BenchConfig, BenchDriver, Config, ControllerConfig, ControllerDriver};
 use plenalign::control::events::Event;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot};
-use plenalign::control::lease::{LeaseRequest, Leases, Permit};
+use plenalign::control::motion::lease::{LeaseRequest, Leases, Permit};
 use plenalign::control::motion::{Admission, Motion};
 use plenalign::control::{Service, open_bench};
 use plenalign::device::Bench;

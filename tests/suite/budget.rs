@@ -6,14 +6,14 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use plenalign::config::{Config, ShellStep};
-use plenalign::control::air::{AirDecision, AirLoop, AirObservation};
 use plenalign::control::budget::{
     AirPlace, BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict, e_axis,
 };
-use plenalign::control::calibrated::CalibratedCamera;
+use plenalign::control::loops::air::{AirDecision, AirLoop, AirObservation};
+use plenalign::control::loops::calibrated::CalibratedCamera;
+use plenalign::control::loops::room::{Contact, Room};
+use plenalign::control::loops::shell::{ShellDecision, ShellLoop, ShellObservation};
 use plenalign::control::plan::{AirBoards, Plan};
-use plenalign::control::room::{Contact, Room};
-use plenalign::control::shell::{ShellDecision, ShellLoop, ShellObservation};
 use plenalign::imaging::calibration::{CalibrationOptions, fit_line};
 use plenalign::imaging::measurement::FrameOptions;
 use plenalign::optics::{Shell, overlap_window};

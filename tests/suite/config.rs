@@ -596,7 +596,7 @@ fn fractions(table: &toml::Table, path: &str, found: &mut Vec<(String, usize)>) 
 
 #[test]
 fn no_number_of_any_key_comes_to_one_that_is_none() {
-    use plenalign::control::draft::DraftView;
+    use plenalign::control::design::draft::DraftView;
     let mut found = Vec::new();
     fractions(&toml::Table::try_from(Config::default()).unwrap(), "", &mut found);
     let optional = [

@@ -8,7 +8,7 @@ use async_trait::async_trait;
 use plenalign::config::Side;
 use plenalign::control::events::ShellState;
 use plenalign::control::job::{JobKind, JobRequest, JobState};
-use plenalign::control::lease::{LeaseRequest, Permit};
+use plenalign::control::motion::lease::{LeaseRequest, Permit};
 use plenalign::control::{Refusal, Service, ServiceError};
 use plenalign::device::{AxisName, Bench, DeviceError, MoveTime, Stage, StageInfo, StageState, StopDelivery};
 use plenalign::store::{Hindrance, Store};

@@ -2,8 +2,8 @@
 
 use plenalign::api::export;
 use plenalign::control::events::InView;
+use plenalign::control::job::outcome::Outcome;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
 use plenalign::device::faults::Faults;
 use plenalign::device::light::ControlName;

@@ -7,7 +7,7 @@ use std::time::Duration;
 
 use plenalign::api::error::LEASE_HEADER;
 use plenalign::config::Config;
-use plenalign::control::lease::LeaseRequest;
+use plenalign::control::motion::lease::LeaseRequest;
 use plenalign::control::{Refusal, Service, ServiceError};
 use plenalign::device::AxisName;
 use plenalign::store::{Hindrance, Store};

@@ -4,9 +4,9 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::control::events::{InView, ShellState};
+use plenalign::control::job::steps::StepState;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::replay::replay;
-use plenalign::control::steps::StepState;
 use plenalign::control::{Refusal, Service, ServiceError, Shown, history, open_bench};
 use plenalign::store::Store;
 use uuid::Uuid;
@@ -142,7 +142,8 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     ];
     assert_eq!(told, expected);
     let spent = report.time_spent.unwrap();
-    let sum = |of: fn(&plenalign::control::steps::JobStep) -> Option<f64>| job.steps.iter().filter_map(of).sum::<f64>();
+    let sum =
+        |of: fn(&plenalign::control::job::steps::JobStep) -> Option<f64>| job.steps.iter().filter_map(of).sum::<f64>();
     let (operator_s, bench_s) = (sum(|step| step.operator_s), sum(|step| step.bench_s));
     assert!((operator_s - spent.operator_s).abs() < 0.1, "{operator_s}: {spent:?}");
     assert!((bench_s - (spent.total_s - spent.operator_s)).abs() < 0.5, "{bench_s}: {spent:?}");

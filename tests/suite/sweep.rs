@@ -4,8 +4,8 @@ use std::sync::Arc;
 
 use plenalign::control::Service;
 use plenalign::control::events::{Event, ShellState};
+use plenalign::control::job::outcome::Outcome;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::outcome::Outcome;
 use plenalign::device::AxisName;
 use plenalign::device::faults::Faults;
 

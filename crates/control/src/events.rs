@@ -6,7 +6,7 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::job::{JobSnapshot, SpacingReading};
-use super::lease::LeaseView;
+use crate::motion::lease::LeaseView;
 use bench::device::{AxisName, StopDelivery};
 use plenoptics::imaging::spacing::SpacingMap;
 

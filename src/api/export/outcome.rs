@@ -1,7 +1,7 @@
 //! What a job that is no alignment came to, as words: the same for a terminal and for paper.
 
 use super::figures::value;
-use crate::control::outcome::Outcome;
+use crate::control::job::outcome::Outcome;
 
 /// What an outcome says, line by line: a name and a value with its uncertainty.
 pub(crate) fn outcome_figures(outcome: &Outcome) -> Vec<(&'static str, String)> {

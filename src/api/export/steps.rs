@@ -3,7 +3,7 @@
 use std::fmt::Write as _;
 
 use super::html;
-use crate::control::steps::{JobStep, StepState};
+use crate::control::job::steps::{JobStep, StepState};
 use crate::text::escape;
 
 /// The steps, and how long each took.

@@ -4,9 +4,9 @@ use std::fmt::Write as _;
 
 use super::html::number;
 use super::plot::{Point, Series, by_position};
+use crate::control::job::outcome::Outcome;
 use crate::control::job::{Iteration, JobSnapshot};
-use crate::control::outcome::Outcome;
-use crate::control::through_focus::FittedPlace;
+use crate::control::loops::through_focus::FittedPlace;
 use crate::device::AxisName;
 use crate::text::escape;
 

@@ -9,7 +9,7 @@ use std::time::Duration;
 use plenalign::config::Side;
 use plenalign::control::Service;
 use plenalign::control::job::{JobKind, JobRequest, JobState};
-use plenalign::control::lease::{LeaseGrant, LeaseRequest, Permit};
+use plenalign::control::motion::lease::{LeaseGrant, LeaseRequest, Permit};
 use plenalign::device::{AxisName, Bench, StopDelivery};
 use plenalign::store::{Hindrance, Store};
 use plenalign::units::Millimetres;

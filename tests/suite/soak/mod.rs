@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use plenalign::control::Service;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::lease::LeaseRequest;
+use plenalign::control::motion::lease::LeaseRequest;
 use plenalign::device::faults::FaultEvent;
 use serde_json::Value;
 

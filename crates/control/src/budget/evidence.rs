@@ -1,9 +1,9 @@
 //! What an alignment has seen.
 
-use crate::calibrated::CalibratedCamera;
-use crate::eye::Seen;
 use crate::job::SpacingReading;
-use crate::shell::ShellObservation;
+use crate::loops::calibrated::CalibratedCamera;
+use crate::loops::shell::ShellObservation;
+use crate::measuring::eye::Seen;
 
 /// A board in air.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -25,12 +25,12 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use self::evidence::{AirPlace, BoardSeen, Evidence, PitchSeen, TiltChange};
+pub use crate::budget::evidence::{AirPlace, BoardSeen, Evidence, PitchSeen, TiltChange};
 
-use self::adjustment::{Adjusted, slopes};
-use self::model::Model;
-use self::part::Part;
-use crate::room::EAxis;
+use crate::budget::adjustment::{Adjusted, slopes};
+use crate::budget::model::Model;
+use crate::budget::part::Part;
+use crate::loops::room::EAxis;
 
 /// A part that is further off than this many standard uncertainties contradicts the measurements.
 const CONTRADICTS: f64 = 4.0;

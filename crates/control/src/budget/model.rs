@@ -8,9 +8,9 @@ use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 use super::adjustment::{Adjusted, Measured};
 use super::evidence::{BoardSeen, Evidence};
 use super::part::{LEVELS, Part};
-use crate::axis_model::AxisModel;
-use crate::calibrated::CalibratedCamera;
-use crate::shell::ShellObservation;
+use crate::loops::axis_model::AxisModel;
+use crate::loops::calibrated::CalibratedCamera;
+use crate::loops::shell::ShellObservation;
 
 /// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
 const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;

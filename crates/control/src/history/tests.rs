@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::events::Event;
-use crate::lease::LeaseRequest;
+use crate::motion::lease::LeaseRequest;
 use crate::open_bench;
 use bench::config::{Config, ConfigOrigin};
 use bench::device::AxisName;

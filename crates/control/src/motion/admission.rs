@@ -18,9 +18,9 @@ use std::time::Duration;
 use futures_util::future::join_all;
 use tokio::sync::Notify;
 
+use super::lease::Permit;
 use super::{Motion, index};
 use crate::events::ShellState;
-use crate::lease::Permit;
 use crate::refusal::{Refusal, ServiceError};
 use bench::device::{AxisName, DeviceError, StopDelivery};
 

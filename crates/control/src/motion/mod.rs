@@ -4,6 +4,8 @@
 //!
 //! What moves does so under an [`Admission`], which a stop and the end of a lease make void.
 
+pub mod lease;
+
 mod admission;
 mod halt;
 mod latch;
@@ -18,20 +20,20 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-use self::admission::Commands;
-pub use self::admission::{Admission, Claim, Stops};
-pub use self::halt::StopReport;
-use self::latch::Latch;
-use self::pieces::{Ahead, Pieces};
-use super::axis_model::AxisModel;
-use super::clock::{Part, enter};
 use super::events::ShellState;
-use super::journal::{Journal, Underway};
-use super::lease::Leases;
 use super::recording::{Answer, Happening};
 use super::refusal::{Refusal, ServiceError};
-use super::room::Contact;
 use super::set_up::Moment;
+use crate::history::journal::{Journal, Underway};
+use crate::job::clock::{Part, enter};
+use crate::loops::axis_model::AxisModel;
+use crate::loops::room::Contact;
+use crate::motion::admission::Commands;
+pub use crate::motion::admission::{Admission, Claim, Stops};
+pub use crate::motion::halt::StopReport;
+use crate::motion::latch::Latch;
+use crate::motion::lease::Leases;
+use crate::motion::pieces::{Ahead, Pieces};
 use bench::config::{AxisConfig, Config, Side};
 use bench::device::jog::{Deadman, Seen, jog};
 use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};

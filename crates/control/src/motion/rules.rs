@@ -1,10 +1,10 @@
 //! What an axis may be told now: latch, homing, limits, the e wall, the greatest step, and the side to approach from.
 
 use super::{EKnown, Motion, READBACK_TOLERANCE_MM, State, index};
-use crate::axis_model::AxisModel;
 use crate::events::ShellState;
+use crate::loops::axis_model::AxisModel;
+use crate::loops::room::{EAxis, Room};
 use crate::refusal::{Refusal, ServiceError};
-use crate::room::{EAxis, Room};
 use bench::config::Side;
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;

@@ -9,9 +9,9 @@ use utoipa::ToSchema;
 use super::precision::Precision;
 use super::{AirBoards, Plan};
 use crate::budget::{AirPlace, BoardSeen, Budget, Evidence, PitchSeen, e_axis};
-use crate::calibrated::CalibratedCamera;
-use crate::room::{Contact, Room};
-use crate::shell::ShellObservation;
+use crate::loops::calibrated::CalibratedCamera;
+use crate::loops::room::{Contact, Room};
+use crate::loops::shell::ShellObservation;
 use bench::config::{Config, LBoundSource};
 use plenoptics::optics::mla::micro_image_pitch;
 

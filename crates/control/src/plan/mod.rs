@@ -13,8 +13,8 @@ pub use expected::ExpectedBudget;
 pub use obstacle::Obstacle;
 pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob, PlannedStep};
 
-use super::air::{AirGoal, FREE_PROBES};
-use super::shell::ShellGoal;
+use crate::loops::air::{AirGoal, FREE_PROBES};
+use crate::loops::shell::ShellGoal;
 use bench::config::{AxisConfig, Config, ShellStep, Side};
 use capture::Capture;
 use plenoptics::imaging::grid::PITCH_FOLLOWED;

@@ -7,7 +7,7 @@ use super::boards::{Arrangement, levels_fault};
 use super::expected::ExpectedBudget;
 use super::precision::Precision;
 use super::{FREE_PROBES, Plan, spacing_in_water};
-use crate::calibrated::CalibratedCamera;
+use crate::loops::calibrated::CalibratedCamera;
 use bench::config::{BoardsInAir, Config};
 use plenoptics::optics::mla::micro_image_pitch;
 

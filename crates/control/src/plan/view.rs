@@ -8,7 +8,7 @@ use super::expected::ExpectedBudget;
 use super::obstacle::Obstacle;
 use super::precision::{Precision, spacing_sigma_px};
 use super::{Plan, spacing_in_water};
-use crate::request::JobKind;
+use crate::job::request::JobKind;
 use bench::config::{Config, ConfigOrigin, LBoundSource};
 use bench::device::Setup;
 

@@ -14,13 +14,13 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::context::Job;
 use super::events::{FieldMap, MeasurementView};
 use super::job::{Iteration, JobState, LogLine, Report};
-use super::journal::word;
-use super::outcome::Outcome;
-use super::request::{JobKind, JobRequest};
 use super::service::Service;
+use crate::history::journal::word;
+use crate::job::context::Job;
+use crate::job::outcome::Outcome;
+use crate::job::request::{JobKind, JobRequest};
 use bench::config::{Config, RecordJobs};
 use bench::device::{AxisName, DeviceError, Frame, StageState};
 use bench::record::messages::{JobStart, MeterReading};

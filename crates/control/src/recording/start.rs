@@ -1,15 +1,15 @@
 //! What a job begins with: into a recording, and back into a service that is to do the same.
 
 use super::words;
+use crate::alignment::tasks::AirStep;
 use crate::budget::{AirPlace, BoardSeen};
-use crate::calibrated::CalibratedCamera;
-use crate::context::JobEnd;
 use crate::events::InView;
+use crate::history::journal::word;
 use crate::job::JobSnapshot;
-use crate::journal::word;
-use crate::room::Contact;
+use crate::job::context::JobEnd;
+use crate::loops::calibrated::CalibratedCamera;
+use crate::loops::room::Contact;
 use crate::service::Service;
-use crate::tasks::AirStep;
 use bench::config::Config;
 use bench::device::{AxisName, Frame};
 use bench::record::messages::{self, JobStart};

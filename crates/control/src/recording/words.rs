@@ -4,9 +4,9 @@ use serde::de::DeserializeOwned;
 
 use super::{Answer, End};
 use crate::events::{FieldMap, MeasurementView, TwoBoardsView};
+use crate::history::journal::word;
 use crate::job::{Iteration, LogLine, SpacingReading};
-use crate::journal::word;
-use crate::meter::{NoReading, Reading};
+use crate::measuring::meter::{NoReading, Reading};
 use bench::device::replayed::OPERATOR;
 use bench::device::{AxisName, Frame, StageState};
 use bench::record::foxglove::{

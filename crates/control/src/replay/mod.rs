@@ -14,9 +14,9 @@ use uuid::Uuid;
 
 use super::events::Event;
 use super::job::{JobKind, JobSnapshot, JobState};
-use super::lease::{DEFAULT_TTL_S, LeaseRequest};
 use super::recording::{Happening, Sink};
 use super::service::Service;
+use crate::motion::lease::{DEFAULT_TTL_S, LeaseRequest};
 use bench::config::Config;
 use bench::device::replayed::{self, EXHAUSTED, RecordedFrames};
 use bench::record::ReadError;

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use plenalign::config::{Config, LBoundSource};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::lease::{LeaseGrant, LeaseRequest};
+use plenalign::control::motion::lease::{LeaseGrant, LeaseRequest};
 use plenalign::control::{Service, Shown};
 use plenalign::device::stage::axis::AxisSetup;
 use plenalign::device::stage::grbl_controller::GrblDriver;

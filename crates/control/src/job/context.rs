@@ -1,0 +1,701 @@
+//! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
+
+use std::collections::HashMap;
+use std::future::Future;
+use std::sync::atomic::{AtomicU32, Ordering};
+use std::sync::mpsc::RecvTimeoutError;
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::time::Duration;
+
+use tokio::sync::{broadcast, mpsc};
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
+use super::clock::{JobClock, Part, enter};
+use super::outcome::Outcome;
+use super::steps::{self, JobStep, Repeatable};
+use super::{
+    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage, TimeSpent,
+};
+use crate::events::Event;
+use crate::history::journal::{Chronicle, Journal, Written};
+use crate::loops::axis_model::MoveFault;
+use crate::plan::PlannedStep;
+use crate::recording::{End, FileSink, Happening, Recording, RecordingState};
+use crate::refusal::{Refusal, ServiceError};
+use bench::device::{DeviceError, Setup, SimulatedOperator};
+use bench::store::records::Picture;
+
+/// How long a job's end waits for its recording's.
+const RECORDING_END_ALLOWED: Duration = Duration::from_secs(1);
+/// Lines of log kept for a job; more would only repeat.
+const MAX_LOG_LINES: usize = 2000;
+
+/// Why a job ends before it has converged.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) enum JobEnd {
+    /// Cancelled, or stopped.
+    Cancelled {
+        /// By what.
+        why: String,
+    },
+    /// The criterion cannot be met.
+    NotConverged {
+        /// Why.
+        why: String,
+    },
+    /// A frame cannot be measured.
+    Unmeasurable {
+        /// Why, in words.
+        why: String,
+    },
+    /// A frame shows two boards where one was asked for.
+    TwoBoards {
+        /// What it shows, and what to do, in words.
+        why: String,
+        /// The spacings of the two, px.
+        spacings_px: [f64; 2],
+    },
+    /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
+    Repeat(Repeatable),
+    /// The picture has shown that an axis does not stand where it reads.
+    NotFollowed(MoveFault),
+    /// Something failed.
+    Failed {
+        /// What.
+        why: String,
+    },
+}
+
+impl JobEnd {
+    pub(crate) fn failed(why: impl Into<String>) -> Self {
+        Self::Failed { why: why.into() }
+    }
+}
+
+impl From<MoveFault> for JobEnd {
+    fn from(fault: MoveFault) -> Self {
+        Self::NotFollowed(fault)
+    }
+}
+
+impl From<ServiceError> for JobEnd {
+    fn from(error: ServiceError) -> Self {
+        match error {
+            ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. }) => {
+                Self::Cancelled { why: "stopped".to_owned() }
+            }
+            ServiceError::Refused(error @ (Refusal::ControlEnded { .. } | Refusal::LeaseLost { .. })) => {
+                Self::Cancelled { why: error.to_string() }
+            }
+            error => Self::failed(error.to_string()),
+        }
+    }
+}
+
+impl From<DeviceError> for JobEnd {
+    fn from(error: DeviceError) -> Self {
+        ServiceError::Device(error).into()
+    }
+}
+
+/// One job as the service and its own task share it.
+pub(crate) struct Job {
+    snapshot: Mutex<JobSnapshot>,
+    events: broadcast::Sender<Event>,
+    cancel: CancellationToken,
+    /// Why it was asked to end; the first asker's word counts.
+    cancelled_why: OnceLock<String>,
+    answers: mpsc::Sender<Answer>,
+    last_answer: Mutex<Option<Answer>>,
+    journal: Arc<Journal>,
+    idempotency_key: Option<String>,
+    kept: Mutex<Kept>,
+    /// The file that it is recorded to.
+    file: OnceLock<Arc<FileSink>>,
+    /// How long this bench takes for such a job by itself, s, where its history tells.
+    usual_s: OnceLock<f64>,
+}
+
+/// What the operator answers to a step.
+#[derive(Debug, Clone, Copy)]
+struct Answer {
+    /// The step that it answers.
+    to: u32,
+    /// Which earlier one is asked for again; none where it has been carried out.
+    again: Option<u32>,
+}
+
+/// What the history has been given of a job.
+#[derive(Default)]
+struct Kept {
+    written: Written,
+    /// The job without its iterations and its log, as it was written last.
+    newest: Option<JobSnapshot>,
+}
+
+/// The job's own side: what its task holds.
+pub(crate) struct JobContext {
+    job: Arc<Job>,
+    answered: tokio::sync::Mutex<mpsc::Receiver<Answer>>,
+    operator: Option<Arc<dyn SimulatedOperator>>,
+    steps_asked: AtomicU32,
+    clock: Arc<JobClock>,
+    asking: Mutex<Asking>,
+}
+
+/// What is kept between two steps.
+#[derive(Debug, Default)]
+struct Asking {
+    /// What had been spent when the step under way began.
+    before: Option<TimeSpent>,
+    /// The first of the operator's steps that can be asked for again; none where none can.
+    repeat_from: Option<u32>,
+    /// The step that is asked for again next.
+    again: Option<u32>,
+    /// How far the job was when each of the operator's steps began.
+    far: HashMap<u32, u32>,
+}
+
+impl Job {
+    /// A job just accepted, and the side of it that its task holds.
+    pub(crate) fn new(
+        request: &JobRequest,
+        idempotency_key: Option<String>,
+        owner: &str,
+        journal: Arc<Journal>,
+        events: broadcast::Sender<Event>,
+        operator: Option<Arc<dyn SimulatedOperator>>,
+    ) -> (Arc<Self>, JobContext) {
+        let (answers, answered) = mpsc::channel(4);
+        let snapshot = JobSnapshot {
+            id: Uuid::now_v7(),
+            kind: request.kind,
+            request: request.clone(),
+            owner: owner.to_owned(),
+            state: JobState::Pending,
+            stage: Stage::Preparation,
+            simulated: operator.is_some(),
+            generation: 0,
+            created_at: jiff::Timestamp::now(),
+            ended_at: None,
+            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned(), measure: None, time_left_s: None },
+            operator_step: None,
+            steps: Vec::new(),
+            iterations: Vec::new(),
+            log: Vec::new(),
+            reason: None,
+            report: None,
+            outcome: None,
+            recording: None,
+        };
+        let job = Arc::new(Self {
+            snapshot: Mutex::new(snapshot),
+            events,
+            cancel: CancellationToken::new(),
+            cancelled_why: OnceLock::new(),
+            answers,
+            last_answer: Mutex::new(None),
+            journal,
+            idempotency_key,
+            kept: Mutex::default(),
+            file: OnceLock::new(),
+            usual_s: OnceLock::new(),
+        });
+        let context = JobContext {
+            job: Arc::clone(&job),
+            answered: tokio::sync::Mutex::new(answered),
+            operator,
+            steps_asked: AtomicU32::new(0),
+            clock: JobClock::start(),
+            asking: Mutex::default(),
+        };
+        (job, context)
+    }
+
+    /// The job as it is now.
+    pub(crate) fn snapshot(&self) -> JobSnapshot {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    fn change(&self, change: impl FnOnce(&mut JobSnapshot)) {
+        let snapshot = {
+            let mut snapshot = self.snapshot.lock().unwrap_or_else(PoisonError::into_inner);
+            change(&mut snapshot);
+            snapshot.generation += 1;
+            snapshot.clone()
+        };
+        self.keep(&snapshot);
+        // Nobody listening is no error.
+        let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
+    }
+
+    /// Says how its recording fares.
+    pub(crate) fn recording(&self, recording: Recording) {
+        self.change(|job| job.recording = Some(recording));
+    }
+
+    /// Takes how long this bench usually takes for such a job by itself, s.
+    pub(crate) fn expect(&self, usual_s: f64) {
+        if self.usual_s.set(usual_s).is_ok() && !self.snapshot().state.is_final() {
+            // It has hardly begun: what the first step has taken by now is less than the guess is good to.
+            self.change(|job| {
+                job.progress.time_left_s.get_or_insert(usual_s);
+            });
+        }
+    }
+
+    /// Has it recorded to a file from now on.
+    pub(crate) fn record_to(&self, file: Arc<FileSink>) {
+        let _ = self.file.set(file);
+    }
+
+    /// Says that its recording has ended before it, and why: the job goes on.
+    pub(crate) fn recording_failed(&self, why: String) {
+        let line = LogLine { at: jiff::Timestamp::now(), message: format!("not recorded any further: {why}") };
+        self.change(|job| {
+            if let Some(recording) = &mut job.recording {
+                (recording.state, recording.fault) = (RecordingState::Failed, Some(why));
+            }
+            job.log.push(line);
+        });
+    }
+
+    /// Gives the history what is new.
+    fn keep(&self, snapshot: &JobSnapshot) {
+        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
+        let bare = JobSnapshot { generation: 0, ..snapshot.bare() };
+        let whole = kept.newest.as_ref() != Some(&bare);
+        let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
+        // A snapshot of before another one that came first has less than is written.
+        kept.written.iterations = kept.written.iterations.max(snapshot.iterations.len());
+        kept.written.lines = kept.written.lines.max(snapshot.log.len());
+        kept.newest = Some(bare);
+        self.journal.note(chronicle);
+    }
+
+    /// The whole job for the history.
+    pub(crate) fn chronicle(&self) -> Chronicle {
+        let (snapshot, key) = (self.snapshot(), self.idempotency_key.as_deref());
+        self.journal.chronicle(&snapshot, key, Written::default(), true)
+    }
+
+    /// The caller's own name for the request.
+    pub(crate) fn key(&self) -> Option<&str> {
+        self.idempotency_key.as_deref()
+    }
+
+    /// Asks the job to end, and says why. May be repeated.
+    pub(crate) fn cancel(&self, why: String) {
+        if self.snapshot().state.is_final() || self.cancel.is_cancelled() {
+            return;
+        }
+        let _ = self.cancelled_why.set(why);
+        self.change(|job| {
+            // It may have ended since that was looked at, and stays so.
+            if !job.state.is_final() {
+                job.state = JobState::Cancelling;
+                job.operator_step = None;
+            }
+        });
+        self.cancel.cancel();
+    }
+
+    /// It was refused after all: there is no such job, and nothing more is written of it.
+    pub(crate) fn forget(&self) {
+        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).state = JobState::Cancelled;
+    }
+
+    /// Takes the operator's confirmation of a step.
+    ///
+    /// # Errors
+    /// When the job does not wait for that step.
+    pub(crate) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
+        let snapshot = self.snapshot();
+        match &snapshot.operator_step {
+            Some(asked) if asked.number == step => self.answer(snapshot.state, Answer { to: step, again: None }),
+            Some(asked) => {
+                let why = format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name);
+                Err(Refusal::JobState { state: snapshot.state, why }.into())
+            }
+            None => Err(Self::waits_for_nothing(snapshot.state)),
+        }
+    }
+
+    /// Takes it that the operator asks for an earlier step again, in place of confirming the one that waits.
+    ///
+    /// # Errors
+    /// When the job waits for no step, or for one in whose place that one cannot be asked for.
+    pub(crate) fn repeat(&self, step: u32) -> Result<(), ServiceError> {
+        let snapshot = self.snapshot();
+        match &snapshot.operator_step {
+            Some(asked) if asked.repeatable.contains(&step) => {
+                self.answer(snapshot.state, Answer { to: asked.number, again: Some(step) })
+            }
+            Some(asked) => {
+                let which = asked.repeatable.iter().map(|step| format!("step {step}")).collect::<Vec<_>>();
+                let which = if which.is_empty() { "no earlier step".to_owned() } else { which.join(" and ") };
+                let why = format!(
+                    "at step {} ({}) {which} can be asked for again, not step {step}",
+                    asked.number, asked.name
+                );
+                Err(Refusal::JobState { state: snapshot.state, why }.into())
+            }
+            None => Err(Self::waits_for_nothing(snapshot.state)),
+        }
+    }
+
+    /// The first answer to a step counts; the same once more changes nothing.
+    fn answer(&self, state: JobState, answer: Answer) -> Result<(), ServiceError> {
+        let mut last = self.last_answer.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(before) = last.filter(|before| before.to == answer.to) {
+            return if before.again == answer.again {
+                Ok(())
+            } else {
+                let why = match before.again {
+                    Some(earlier) => format!("step {earlier} has been asked for again in its place already"),
+                    None => "this step has been confirmed already".to_owned(),
+                };
+                Err(Refusal::JobState { state, why }.into())
+            };
+        }
+        *last = Some(answer);
+        let over = || Refusal::JobState { state, why: "it has ended".to_owned() };
+        self.answers.try_send(answer).map_err(|_| over().into())
+    }
+
+    fn waits_for_nothing(state: JobState) -> ServiceError {
+        Refusal::JobState { state, why: "it waits for no confirmation".to_owned() }.into()
+    }
+}
+
+impl JobContext {
+    /// The job's state as it is now.
+    pub(crate) fn snapshot(&self) -> JobSnapshot {
+        self.job.snapshot()
+    }
+
+    /// Whether it is recorded to a file.
+    pub(crate) fn is_recorded(&self) -> bool {
+        self.job.file.get().is_some()
+    }
+
+    /// Adds a line to the job's log.
+    pub(crate) fn log(&self, message: impl Into<String>) {
+        let message = message.into();
+        tracing::info!(message = %message, "job");
+        let line = LogLine { at: jiff::Timestamp::now(), message };
+        self.job.journal.happened(|| Happening::Logged(line.clone()));
+        self.job.change(|job| {
+            if job.log.len() < MAX_LOG_LINES {
+                job.log.push(line);
+            }
+        });
+    }
+
+    /// Takes what the operator will be asked, where nothing was expected before.
+    pub(crate) fn expect(&self, planned: Vec<PlannedStep>) {
+        self.job.change(|job| {
+            if job.steps.is_empty() {
+                steps::expect(&mut job.steps, planned);
+            }
+        });
+    }
+
+    /// Whether the operator may have steps done again from now on: those so far, too, or only what is asked from now on.
+    pub(crate) fn let_repeat(&self, those_so_far: bool) {
+        let next = self.steps_asked.load(Ordering::SeqCst) + 1;
+        self.asking().repeat_from = Some(if those_so_far { 1 } else { next });
+    }
+
+    /// Another step begins that the bench does by itself.
+    pub(crate) fn step_of_bench(&self, name: &str) {
+        let spent = self.spent_on_step();
+        self.job.change(|job| steps::begin(&mut job.steps, JobStep::of_bench(name), &spent));
+    }
+
+    fn asking(&self) -> MutexGuard<'_, Asking> {
+        self.asking.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// What the step under way has taken, which ends here.
+    fn spent_on_step(&self) -> TimeSpent {
+        let now = self.clock.time_spent();
+        let before = self.asking().before.replace(now);
+        before.map_or(now, |before| now.since(&before))
+    }
+
+    /// The job is at work.
+    pub(crate) fn begin(&self, steps: u32) {
+        self.job.change(|job| {
+            job.state = JobState::Running;
+            job.progress.of = steps;
+        });
+    }
+
+    /// Another part of the alignment begins.
+    pub(crate) fn stage(&self, stage: Stage) {
+        self.job.change(|job| job.stage = stage);
+    }
+
+    /// Another step begins.
+    pub(crate) fn doing(&self, doing: impl Into<String>) {
+        let doing = doing.into();
+        let spent = self.clock.time_spent();
+        let left = self.job.usual_s.get().map(|usual_s| spent.time_left_s(*usual_s));
+        self.job.change(|job| {
+            let progress = &mut job.progress;
+            progress.step += 1;
+            progress.of = progress.of.max(progress.step + 1);
+            progress.doing = doing;
+            progress.time_left_s = left.flatten();
+        });
+    }
+
+    /// What tells where its time goes.
+    pub(crate) const fn clock(&self) -> &Arc<JobClock> {
+        &self.clock
+    }
+
+    /// Records an iteration; its number is given here.
+    pub(crate) fn record(&self, mut iteration: Iteration) {
+        let measure = measure(&iteration);
+        iteration.number = self.job.snapshot().iterations.len() as u32 + 1;
+        self.job.journal.happened(|| Happening::Decided(Box::new(iteration.clone())));
+        self.job.change(|job| {
+            job.iterations.push(iteration);
+            job.progress.measure = Some(measure);
+        });
+    }
+
+    /// What a job that is no alignment came to.
+    pub(crate) fn outcome(&self, outcome: Outcome) {
+        self.job.change(|job| {
+            // What was measured on the way is not what such a job was for.
+            job.progress.measure = outcome.measure(job.progress.measure.take());
+            job.outcome = Some(outcome);
+        });
+    }
+
+    /// Ends the job, its recording first. The axes have been stopped.
+    pub(crate) async fn end(&self, state: JobState, reason: String, report: Option<Report>) {
+        let outcome = self.job.snapshot().outcome;
+        let end = End { state, reason: reason.clone(), report: report.clone(), outcome };
+        self.job.journal.happened(|| Happening::End(Box::new(end)));
+        self.end_recording().await;
+        self.close(state, reason, report);
+    }
+
+    /// The job has ended: the last that is said of it.
+    pub(crate) fn close(&self, state: JobState, reason: String, report: Option<Report>) {
+        let spent = self.spent_on_step();
+        self.job.change(|job| {
+            steps::close(&mut job.steps, matches!(state, JobState::Converged | JobState::Succeeded), &spent);
+            job.state = state;
+            job.stage = Stage::Report;
+            job.ended_at = Some(jiff::Timestamp::now());
+            job.operator_step = None;
+            job.progress.step = job.progress.of;
+            job.progress.doing = "ended".to_owned();
+            job.progress.time_left_s = None;
+            job.reason = Some(reason);
+            // What the report does not tell was not reached.
+            if let Some(report) = &report {
+                job.progress.measure = job.progress.measure.take().filter(|measure| report.tells(measure));
+            }
+            job.report = report;
+        });
+    }
+
+    /// Has the recording come to its end. A slow disk is waited for a moment only, by the real clock, which is the
+    /// disk's; the job's JSON says so later then.
+    async fn end_recording(&self) {
+        let Some(file) = self.job.file.get() else { return };
+        let (ended, job) = (file.finish(), Arc::clone(&self.job));
+        let complete = move |bytes: u64| {
+            job.change(|job| {
+                if let Some(recording) = &mut job.recording {
+                    (recording.state, recording.bytes) = (RecordingState::Complete, Some(bytes));
+                }
+            });
+        };
+        let waited = tokio::task::spawn_blocking(move || (ended.recv_timeout(RECORDING_END_ALLOWED), ended)).await;
+        match waited {
+            Ok((Ok(bytes), _)) => complete(bytes),
+            // On a thread of its own: it may take as long as the disk does.
+            Ok((Err(RecvTimeoutError::Timeout), ended)) => {
+                let waiting = std::thread::Builder::new().spawn(move || ended.recv().map(complete));
+                if let Err(error) = waiting {
+                    tracing::error!(%error, "the recording's end is not waited for");
+                }
+            }
+            // It has failed, and said so.
+            Ok((Err(RecvTimeoutError::Disconnected), _)) => {}
+            Err(error) => tracing::error!(%error, "the recording's end was not waited for"),
+        }
+    }
+
+    /// Why the job was asked to end, if it was.
+    pub(crate) fn cancelled_why(&self) -> Option<String> {
+        self.job.cancelled_why.get().cloned()
+    }
+
+    /// Runs a step unless the job is cancelled first; the step is dropped then.
+    pub(crate) async fn unless_cancelled<T, E: Into<JobEnd>>(
+        &self,
+        step: impl Future<Output = Result<T, E>>,
+    ) -> Result<T, JobEnd> {
+        tokio::select! {
+            biased;
+            () = self.job.cancel.cancelled() => {
+                let why = self.cancelled_why().unwrap_or_else(|| "cancelled".to_owned());
+                Err(JobEnd::Cancelled { why })
+            }
+            result = step => result.map_err(Into::into),
+        }
+    }
+
+    /// Tells the operator what to set up and waits for the confirmation. On a simulated bench the twin obeys, and
+    /// confirms by itself where it is configured to.
+    pub(crate) async fn ask(
+        &self,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: Setup,
+    ) -> Result<(), JobEnd> {
+        let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
+        let step = self.begin_to_ask(number, name, instruction.clone(), value, &setup);
+        self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
+        self.log(format!("operator step {number}: {instruction}"));
+        let asked_at = jiff::Timestamp::now();
+        let id = self.job.snapshot().id;
+        self.job.journal.operator_step(id, &step, asked_at, None);
+        let confirms = self.operator.as_ref().is_some_and(|operator| operator.confirms());
+        if !confirms {
+            self.job.change(|job| {
+                job.state = JobState::WaitingForOperator;
+                job.operator_step = Some(step.clone());
+            });
+            let waiting = enter(Part::Operator);
+            let mut answered = self.answered.lock().await;
+            let again = self
+                .unless_cancelled(async {
+                    while let Some(answer) = answered.recv().await {
+                        if answer.to == number {
+                            return Ok(answer.again);
+                        }
+                    }
+                    Err(JobEnd::failed("the program is ending"))
+                })
+                .await?;
+            drop(waiting);
+            self.job.change(|job| {
+                job.state = JobState::Running;
+                job.operator_step = None;
+            });
+            if let Some(again) = again {
+                return Err(self.repeat(number, again));
+            }
+        } else if let Some(again) = self.operator.as_ref().and_then(|operator| operator.asks_again(number)) {
+            return Err(self.repeat(number, again));
+        }
+        if let Some(operator) = &self.operator {
+            operator.obey(&setup);
+        }
+        self.job.journal.operator_step(id, &step, asked_at, Some(jiff::Timestamp::now()));
+        self.log(format!(
+            "operator step {number} confirmed{}",
+            if confirms { " by the simulated operator" } else { "" }
+        ));
+        Ok(())
+    }
+
+    /// The step that the operator is asked for now, which begins one of the job's.
+    fn begin_to_ask(
+        &self,
+        number: u32,
+        name: &str,
+        instruction: String,
+        value: Option<String>,
+        setup: &Setup,
+    ) -> OperatorStep {
+        let spent = self.spent_on_step();
+        let (from, again) = {
+            let mut asking = self.asking();
+            (asking.repeat_from, asking.again.take())
+        };
+        let mut step = OperatorStep {
+            number,
+            name: name.to_owned(),
+            instruction,
+            value: value.clone(),
+            repeats: again,
+            repeatable: Vec::new(),
+        };
+        self.job.change(|job| {
+            let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
+            steps::begin(&mut job.steps, begun, &spent);
+            steps::discard(&mut job.iterations, &job.steps);
+            if again.is_some() {
+                job.progress.measure = job.iterations.iter().rfind(|it| !it.discarded).map(measure);
+            }
+            self.asking().far.insert(number, job.progress.step);
+            step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
+        });
+        step
+    }
+
+    /// In place of step `number` an earlier one is asked for again: how the work so far ends.
+    fn repeat(&self, number: u32, again: u32) -> JobEnd {
+        let spent = self.spent_on_step();
+        let far = {
+            let mut asking = self.asking();
+            asking.again = Some(again);
+            asking.far.get(&again).copied()
+        };
+        self.job.journal.happened(|| Happening::Again { step: number, again });
+        let mut what = None;
+        self.job.change(|job| {
+            let step = job.steps.iter().find(|step| step.number == Some(again));
+            what = step.and_then(|step| Repeatable::of(&step.name));
+            steps::repeat(&mut job.steps, again, &spent);
+            // All since then is to be done again.
+            job.progress.step = far.unwrap_or(job.progress.step);
+        });
+        self.log(format!("in place of step {number} the operator asks for step {again} again"));
+        what.map_or_else(|| JobEnd::failed(format!("step {again} cannot be done again")), JobEnd::Repeat)
+    }
+
+    /// Keeps a picture with the job, in the place of one of the same name.
+    pub(crate) fn keep_picture(&self, name: &str, picture: &[u8]) {
+        self.job.journal.happened(|| Happening::Picture(Arc::new(picture.to_vec())));
+        let picture = Picture {
+            name: name.to_owned(),
+            at: jiff::Timestamp::now(),
+            media_type: "image/jpeg".to_owned(),
+            bytes: picture.to_vec(),
+        };
+        self.job.journal.picture(self.job.snapshot().id, picture);
+    }
+
+    /// The simulated truth, on a simulated bench.
+    pub(crate) fn truth(&self) -> Option<serde_json::Value> {
+        self.operator.as_ref().map(|operator| operator.truth())
+    }
+}
+
+/// The figure that an iteration is about: Δv in the air step, the spacing elsewhere.
+fn measure(iteration: &Iteration) -> Measure {
+    match (iteration.stage, iteration.delta_v_mm, iteration.delta_v_sigma_mm) {
+        (Stage::Air | Stage::LBound, Some(value), Some(sigma)) => {
+            Measure { name: "delta_v_mm".to_owned(), value, sigma, target: iteration.delta_v_target_mm }
+        }
+        _ => Measure {
+            name: "spacing_px".to_owned(),
+            value: iteration.spacing.spacing_px,
+            sigma: iteration.spacing.spacing_sigma_px,
+            target: Some(iteration.spacing_target_px),
+        },
+    }
+}

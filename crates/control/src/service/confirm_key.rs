@@ -1,0 +1,126 @@
+//! Confirming what a job asks of its operator: by its lease, or by the confirm key that whoever started it hands on.
+
+use std::sync::{Mutex, PoisonError};
+
+use uuid::Uuid;
+
+use super::Service;
+use crate::job::JobSnapshot;
+use crate::refusal::{Refusal, ServiceError};
+use bench::access::{Digest, Secret};
+
+/// What a confirm key begins with.
+const PREFIX: &str = "confirm_";
+
+/// What a request shows to be let confirm.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Shown<'a> {
+    /// A key of the control lease.
+    pub lease: Option<&'a str>,
+    /// A confirm key.
+    pub confirm: Option<&'a str>,
+}
+
+/// The confirm key of the newest job, of which its hash is kept and nothing else. A bench does one job at a time, and a
+/// job that has ended waits for nothing: its key opens nothing from then on.
+#[derive(Debug, Default)]
+pub(crate) struct ConfirmKeys {
+    newest: Mutex<Option<(Uuid, Digest)>>,
+}
+
+impl ConfirmKeys {
+    /// Makes a job's key, in the place of one made before.
+    fn make(&self, job: Uuid) -> std::io::Result<Secret> {
+        let key = Secret::random(PREFIX)?;
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some((job, key.digest()));
+        Ok(key)
+    }
+
+    fn opens(&self, job: Uuid, key: &str) -> bool {
+        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        newest.as_ref().is_some_and(|(of, digest)| *of == job && digest.matches(&Digest::of(key)))
+    }
+}
+
+impl Service {
+    /// Makes the key that confirms what a job asks, and nothing else, until the job has ended. One made before is dead.
+    ///
+    /// # Errors
+    /// When there is no such job, it has ended, or the system has no random numbers to give.
+    pub fn make_confirm_key(&self, id: Uuid) -> Result<Secret, ServiceError> {
+        let job = self.find(id)?.snapshot();
+        if job.state.is_final() {
+            let why = "it has ended, and asks nothing any more".to_owned();
+            return Err(Refusal::JobState { state: job.state, why }.into());
+        }
+        Ok(self.confirm_keys.make(id).map_err(|error| Refusal::NoConfirmKey { why: error.to_string() })?)
+    }
+
+    /// Whether a key is that of the lease that a job has.
+    ///
+    /// # Errors
+    /// [`Refusal::LeaseLost`] where it is of no lease in force.
+    pub fn is_lease_of_job(&self, id: Uuid, key: &str) -> Result<bool, ServiceError> {
+        self.leases.permit(Some(key))?;
+        Ok(self.leases.view().is_some_and(|lease| lease.job == Some(id)))
+    }
+
+    /// Confirms the operator step that a job waits for.
+    ///
+    /// # Errors
+    /// When there is no such job, it does not wait for that step, or neither its lease nor its confirm key is shown.
+    pub fn confirm(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        // What has ended waits for nothing, whatever is shown, and says so.
+        if !job.snapshot().state.is_final() {
+            self.may_confirm(id, shown)?;
+        }
+        job.confirm(step)?;
+        Ok(job.snapshot())
+    }
+
+    /// Asks a job for an earlier operator step again, in place of confirming the one that it waits for. What depends on that
+    /// step is measured anew.
+    ///
+    /// # Errors
+    /// When there is no such job, it does not wait where that step can be asked for again, or neither its lease nor its
+    /// confirm key is shown.
+    pub fn repeat(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
+        let job = self.find(id)?;
+        if !job.snapshot().state.is_final() {
+            self.may_confirm(id, shown)?;
+        }
+        job.repeat(step)?;
+        Ok(job.snapshot())
+    }
+
+    fn may_confirm(&self, id: Uuid, shown: Shown<'_>) -> Result<(), Refusal> {
+        let by_lease = shown.lease.is_some_and(|key| self.is_lease_of_job(id, key).unwrap_or(false));
+        if by_lease || shown.confirm.is_some_and(|key| self.confirm_keys.opens(id, key)) {
+            return Ok(());
+        }
+        let nothing = shown.lease.is_none() && shown.confirm.is_none();
+        Err(if nothing { Refusal::ConfirmKeyRequired } else { Refusal::ConfirmKeyWrong })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_key_opens_its_job_alone_until_another_is_made_and_is_kept_as_a_hash() {
+        let (keys, one, two) = (ConfirmKeys::default(), Uuid::now_v7(), Uuid::now_v7());
+        let first = keys.make(one).unwrap();
+        assert!(first.reveal().starts_with(PREFIX) && first.reveal().len() == PREFIX.len() + 64);
+        assert!(keys.opens(one, first.reveal()) && !keys.opens(two, first.reveal()));
+        assert!(!format!("{keys:?} {first:?}").contains(&first.reveal()[PREFIX.len()..]));
+        let second = keys.make(one).unwrap();
+        assert!(!keys.opens(one, first.reveal()) && keys.opens(one, second.reveal()));
+        for wrong in ["", PREFIX, &second.reveal()[PREFIX.len()..], &second.reveal().to_uppercase()] {
+            assert!(!keys.opens(one, wrong), "{wrong}");
+        }
+        keys.make(two).unwrap();
+        assert!(!keys.opens(one, second.reveal()), "the next job's ends it");
+    }
+}
