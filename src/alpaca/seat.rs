@@ -12,7 +12,8 @@ use tokio::time::Instant;
 use super::fault::Fault;
 use super::request::Caller;
 use crate::control::Service;
-use crate::control::motion::lease::{LeaseRequest, LeaseView, Permit};
+use crate::control::events::LeaseView;
+use crate::control::motion::lease::{LeaseRequest, Permit};
 use crate::device::AxisName;
 
 /// A lease is renewed so often at most: each renewal is written down.

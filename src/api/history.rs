@@ -13,7 +13,7 @@ use super::error::Result;
 use super::extract::{PathParam, Query};
 use super::types::job_href;
 use crate::control::events::MeasurementView;
-use crate::control::history::{JobQuery, JobSummary};
+use crate::control::history::read::{JobQuery, JobSummary};
 use crate::control::job::{Iteration, JobKind, JobState, LogLine};
 use crate::store::records::{Audit, Move};
 

@@ -12,7 +12,8 @@ use super::error::{Problem, Result};
 use super::extract::{JsonBody, LeaseKey};
 use super::types::{LeaseAsked, LeaseState};
 use crate::access::{AuditRecord, Principal};
-use crate::control::motion::lease::{LeaseGrant, LeaseRequest, LeaseView};
+use crate::control::events::LeaseView;
+use crate::control::motion::lease::{LeaseGrant, LeaseRequest};
 
 fn request(asked: LeaseAsked) -> Result<LeaseRequest> {
     Ok(LeaseRequest::new(asked.owner, asked.note, asked.ttl_s)?)

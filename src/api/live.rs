@@ -33,8 +33,8 @@ use super::viewport::{Part, Watched};
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
-use crate::control::measuring::meter::Reading;
 use crate::control::motion::lease::Permit;
+use crate::control::reading::Reading;
 use crate::device::Frame;
 use crate::telemetry::{self, ViewerKind, Viewing};
 

@@ -13,7 +13,8 @@ use super::error::{Problem, Result};
 use super::extract::{JsonBody, Query};
 use super::history::PageAsked;
 use crate::access::Principal;
-use crate::control::measuring::measurement::{MeasurementRequest, SingleMeasurement};
+use crate::control::events::SingleMeasurement;
+use crate::control::measuring::measurement::MeasurementRequest;
 use crate::whole::whole_or_none;
 
 /// Oldest frame that may be asked for, ms.

@@ -12,9 +12,10 @@ use super::extract::{JsonBody, Query};
 use super::metrics::Arrived;
 use super::types::ResetRequest;
 use crate::access::{AuditRecord, LOCAL, Principal};
+use crate::control::ServiceError;
 use crate::control::StopReport;
 use crate::control::events::StopView;
-use crate::control::motion::lease::words;
+use crate::control::field::words;
 
 /// Who stops.
 #[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
@@ -81,7 +82,7 @@ pub(super) async fn reset(
         }
     })?;
     if let Some(owner) = &request.owner {
-        words("owner", owner)?;
+        words("owner", owner).map_err(ServiceError::from)?;
     }
     // Who has a token is known by it.
     let by = request.owner.filter(|_| principal.name == LOCAL).unwrap_or_else(|| principal.name.clone());

@@ -7,9 +7,9 @@ use uuid::Uuid;
 
 use super::error::Problem;
 use crate::config::Side;
+use crate::control::events::LeaseView;
 use crate::control::events::{BenchView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
-use crate::control::motion::lease::LeaseView;
 use crate::whole::whole;
 
 /// Where a job is found.

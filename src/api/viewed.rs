@@ -15,7 +15,7 @@ use super::view::{ends_mm, picture};
 use super::viewport::{Part, Shown};
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
-use crate::control::measuring::meter::{NoReading, Reading};
+use crate::control::reading::{NoReading, Reading};
 use crate::device::Frame;
 use crate::imaging::combined::{Combined, Since};
 use crate::imaging::spacing::{LensSpacing, LensState};

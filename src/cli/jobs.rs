@@ -12,7 +12,7 @@ use super::{Context, remote, report};
 use crate::api::export::{self, JobExport};
 use crate::api::history::{JobItem, JobList};
 use crate::api::types::job_href;
-use crate::control::history::{self, JobArchive, JobQuery, JobSummary};
+use crate::control::history::read::{self, JobArchive, JobQuery, JobSummary};
 use crate::control::job::JobState;
 use crate::state_folder::state_folder;
 use crate::store::{FILE_NAME, Store};
@@ -193,7 +193,7 @@ impl Source {
         match self {
             Self::History(store) => {
                 let query = JobQuery { states: state.into_iter().collect(), text, ..JobQuery::default() };
-                let page = history::jobs(store, &query, limit).await?;
+                let page = read::jobs(store, &query, limit).await?;
                 let next = page.items.last().filter(|_| page.more).map(|job| job.id.to_string());
                 let jobs = page.items.into_iter().map(|job| JobItem { href: job_href(job.id), job }).collect();
                 Ok(JobList { jobs, next, history_fault: None })
@@ -224,7 +224,7 @@ impl Source {
     }
 
     async fn archive(&self, store: &Store, id: Uuid) -> anyhow::Result<JobArchive> {
-        history::archive(store, id).await?.with_context(|| format!("there is no job {id} in the history"))
+        read::archive(store, id).await?.with_context(|| format!("there is no job {id} in the history"))
     }
 
     async fn is_simulated(&self, id: Uuid) -> anyhow::Result<bool> {

@@ -132,7 +132,8 @@ fn kind_word(kind: IterationKind) -> &'static str {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::job::{JobKind, JobRequest, Progress, SpacingReading};
+    use crate::control::job::{JobKind, JobRequest, Progress};
+    use crate::control::spacing::SpacingReading;
 
     fn iteration() -> Iteration {
         Iteration {

@@ -25,7 +25,7 @@ use crate::api::jpeg::Encoder;
 use crate::api::server::Connections;
 use crate::api::{Api, IN_RESERVE};
 use crate::config::BenchDriver;
-use crate::control::history::HistoryAudit;
+use crate::control::service::history::HistoryAudit;
 use crate::control::{Service, open_bench};
 use crate::fleet::{Fleet, Prepared as FleetPrepared};
 use crate::state_folder::{mend, state_folder};

@@ -6,14 +6,13 @@ use std::ops::RangeInclusive;
 use std::sync::Arc;
 
 use plenalign::config::{Config, ShellStep};
-use plenalign::control::budget::{
-    AirPlace, BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, TiltChange, Verdict, e_axis,
-};
+use plenalign::control::budget::{AirPlace, BoardSeen, Budget, BudgetPart, Evidence, PitchSeen, Verdict, e_axis};
 use plenalign::control::loops::air::{AirDecision, AirLoop, AirObservation};
 use plenalign::control::loops::calibrated::CalibratedCamera;
 use plenalign::control::loops::room::{Contact, Room};
 use plenalign::control::loops::shell::{ShellDecision, ShellLoop, ShellObservation};
 use plenalign::control::plan::{AirBoards, Plan};
+use plenalign::control::spacing::TiltChange;
 use plenalign::imaging::calibration::{CalibrationOptions, fit_line};
 use plenalign::imaging::measurement::FrameOptions;
 use plenalign::optics::{Shell, overlap_window};

@@ -8,7 +8,7 @@ use plenalign::api::server::{Connections, ServerSettings, use_ring};
 use plenalign::api::{Api, IN_RESERVE};
 use plenalign::config::{Config, ConfigOrigin};
 use plenalign::control::Service;
-use plenalign::control::history::HistoryAudit;
+use plenalign::control::service::history::HistoryAudit;
 use plenalign::device::Bench;
 use plenalign::store::{Hindrance, Store};
 use reqwest::{Client, Method, RequestBuilder, Response, StatusCode};

@@ -1,7 +1,7 @@
 //! A whole alignment's records, and what is made of them.
 
 use plenalign::api::export;
-use plenalign::control::history::JobArchive;
+use plenalign::control::history::read::JobArchive;
 use plenalign::control::job::JobState;
 use plenalign::store::Store;
 use reqwest::Method;

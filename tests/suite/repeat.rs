@@ -4,10 +4,11 @@ use std::sync::Arc;
 use std::time::Duration;
 
 use plenalign::control::events::{InView, ShellState};
+use plenalign::control::history::read;
 use plenalign::control::job::steps::StepState;
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::replay::replay;
-use plenalign::control::{Refusal, Service, ServiceError, Shown, history, open_bench};
+use plenalign::control::{Refusal, Service, ServiceError, Shown, open_bench};
 use plenalign::store::Store;
 use uuid::Uuid;
 
@@ -148,7 +149,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     assert!((operator_s - spent.operator_s).abs() < 0.1, "{operator_s}: {spent:?}");
     assert!((bench_s - (spent.total_s - spent.operator_s)).abs() < 0.5, "{bench_s}: {spent:?}");
     store.flush().await;
-    let written = history::job(&store, id).await.unwrap().unwrap();
+    let written = read::job(&store, id).await.unwrap().unwrap();
     assert_eq!(written.iterations, job.iterations, "as the next run of the program finds them");
     let archive = service.archive(id).await.unwrap();
     let csv = plenalign::api::export::csv(&archive);

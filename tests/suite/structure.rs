@@ -169,6 +169,56 @@ fn modules_call_downwards_only() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// What control gives its callers by another name than its room's.
+const OF_CONTROL: &[(&str, &str)] = &[
+    ("Acceptance", "service"),
+    ("Refusal", "refusal"),
+    ("Service", "service"),
+    ("ServiceError", "refusal"),
+    ("Shown", "service"),
+    ("StopReport", "motion"),
+];
+
+/// The rooms of control from top to bottom, those on one line together, as the map in its documentation has them.
+fn rooms_of_control(map: &str) -> Vec<Vec<&str>> {
+    let lines = map.lines().skip_while(|line| *line != "//! ```text").skip(1).take_while(|line| *line != "//! ```");
+    lines
+        .map(|line| {
+            let words = line.trim_start_matches("//!").trim_start();
+            words.split("  ").next().unwrap_or_default().split(", ").collect()
+        })
+        .collect()
+}
+
+#[test]
+fn rooms_of_control_call_downwards_only() {
+    let all = sources();
+    let of_control = || all.iter().filter_map(|(path, text)| Some((path.strip_prefix("control").ok()?, text)));
+    let (_, map) = of_control().find(|(path, _)| *path == Path::new("lib.rs")).unwrap();
+    let lines = rooms_of_control(map);
+    let line_of = |room: &str| lines.iter().position(|rooms| rooms.contains(&room));
+    let mut wrong = Vec::new();
+    for (path, text) in of_control() {
+        let room = path.components().next().unwrap().as_os_str().to_str().unwrap().trim_end_matches(".rs");
+        // Tests begin with the whole service.
+        if room == "lib" || path.file_name().is_some_and(|name| name == "tests.rs") {
+            continue;
+        }
+        let Some(own) = line_of(room) else { panic!("{room} is not on the map in the documentation of control") };
+        let code = text.split("#[cfg(test)]\nmod tests {").next().unwrap_or_default();
+        for (number, line) in code.lines().enumerate() {
+            for word in named(line, "crate") {
+                let of = OF_CONTROL.iter().find(|(name, _)| *name == word).map_or(word, |(_, room)| room);
+                let below = line_of(of).is_some_and(|line| line > own);
+                if of != room && !below {
+                    wrong.push(format!("{}:{}: {room} names {word}", path.display(), number + 1));
+                }
+            }
+        }
+    }
+    assert!(wrong.is_empty(), "{}", wrong.join("\n"));
+}
+
 #[test]
 fn optics_and_imaging_are_pure() {
     for (path, text) in sources() {

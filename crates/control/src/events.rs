@@ -5,10 +5,12 @@ use std::sync::Arc;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::job::{JobSnapshot, SpacingReading};
-use crate::motion::lease::LeaseView;
+use crate::job::JobSnapshot;
+use crate::spacing::SpacingReading;
 use bench::device::{AxisName, StopDelivery};
+use jiff::Timestamp;
 use plenoptics::imaging::spacing::SpacingMap;
+use uuid::Uuid;
 
 /// One axis as a caller sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -125,7 +127,7 @@ pub struct StopView {
     pub latched: bool,
     /// Since when, RFC 3339.
     #[schema(value_type = Option<String>, format = DateTime)]
-    pub since: Option<jiff::Timestamp>,
+    pub since: Option<Timestamp>,
     /// Who stopped; absent while nobody has.
     pub by: Option<String>,
     /// What became of the newest stop on each axis, while it is latched; absent where it was another run's.
@@ -151,14 +153,14 @@ pub struct StopDeliveries {
 pub struct StopReset {
     /// When, RFC 3339.
     #[schema(value_type = String, format = DateTime)]
-    pub at: jiff::Timestamp,
+    pub at: Timestamp,
     /// Who reset it.
     pub by: String,
     /// Why, in their words.
     pub why: String,
     /// Since when it had been stopped, RFC 3339; absent where that could not be read.
     #[schema(value_type = Option<String>, format = DateTime)]
-    pub stopped_at: Option<jiff::Timestamp>,
+    pub stopped_at: Option<Timestamp>,
     /// Who had stopped; absent where that could not be read.
     pub stopped_by: Option<String>,
 }
@@ -170,7 +172,7 @@ pub struct MeasurementView {
     pub frame_seq: u64,
     /// When the frame was taken, RFC 3339.
     #[schema(value_type = String, format = DateTime)]
-    pub captured_at: jiff::Timestamp,
+    pub captured_at: Timestamp,
     /// Readback of the focus axis, mm.
     pub focus_mm: Option<f64>,
     /// Readback of the e axis, mm.
@@ -233,7 +235,7 @@ pub struct FieldMap {
     /// Sequence number of the frame measured.
     pub frame_seq: u64,
     /// When it was taken.
-    pub captured_at: jiff::Timestamp,
+    pub captured_at: Timestamp,
     /// Pitch of the micro-images, px.
     pub micro_image_pitch_px: f64,
     /// The spacing wanted, px.
@@ -261,7 +263,7 @@ pub struct BenchView {
     /// Since when shell and what stands before the lens are as they are, RFC 3339: a frame taken before shows another scene.
     #[schema(value_type = String, format = DateTime)]
     #[serde(default)]
-    pub set_up_at: jiff::Timestamp,
+    pub set_up_at: Timestamp,
     /// Whether a shell step can go on from the newest air step: the camera has kept its focus since, and
     /// there is a white frame of it as it is set.
     #[serde(default)]
@@ -302,4 +304,48 @@ pub enum Event {
         /// The measurement.
         measurement: Box<MeasurementView>,
     },
+}
+
+/// A lease as anybody may see it.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct LeaseView {
+    /// Identity of this lease.
+    #[schema(value_type = String, format = Uuid)]
+    pub id: Uuid,
+    /// Who holds it.
+    pub owner: String,
+    /// What for, in the owner's words.
+    pub note: Option<String>,
+    /// Since when, RFC 3339.
+    #[schema(value_type = String, format = DateTime)]
+    pub since: Timestamp,
+    /// Time to live from a heartbeat, s.
+    pub ttl_s: f64,
+    /// When it runs out unless it is renewed, RFC 3339; absent while a job or a connection holds it.
+    #[schema(value_type = Option<String>, format = DateTime)]
+    pub expires_at: Option<Timestamp>,
+    /// The job that holds it until its end.
+    #[schema(value_type = Option<String>, format = Uuid)]
+    pub job: Option<Uuid>,
+}
+
+/// What was measured, and of which frame.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct SingleMeasurement {
+    /// The measurement.
+    #[serde(flatten)]
+    pub measurement: MeasurementView,
+    /// Whether an axis moved, or had not settled, during the exposure: no loop uses such a measurement.
+    pub spans_motion: bool,
+    /// The axes that did.
+    pub unsettled: Vec<AxisName>,
+    /// Begin of the exposure, RFC 3339; `captured_at` is its end.
+    #[schema(value_type = String, format = DateTime)]
+    pub exposed_from: Timestamp,
+    /// Whether the exposure's begin and end are assumed, not the driver's word.
+    pub exposure_assumed: bool,
+    /// Whether the frame was simulated.
+    pub simulated: bool,
+    /// Whether the frame is of old, played from a file.
+    pub replayed: bool,
 }

@@ -2,7 +2,8 @@
 
 use uuid::Uuid;
 
-use super::job::JobState;
+use crate::field::Invalid;
+use crate::job::JobState;
 use bench::config::Side;
 use bench::device::light::{ControlName, ControlUnit};
 use bench::device::{AxisName, DeviceError};
@@ -304,4 +305,10 @@ pub enum ServiceError {
         /// What is wrong, and what would be right.
         what: String,
     },
+}
+
+impl From<Invalid> for ServiceError {
+    fn from(Invalid { field, what }: Invalid) -> Self {
+        Self::Invalid { field, what }
+    }
 }

@@ -3,7 +3,7 @@
 use jiff::Timestamp;
 use tokio::time::Instant;
 
-use super::events::InView;
+use crate::events::InView;
 use bench::device::Setup;
 
 /// What stands before the lens, and since when.

@@ -2,7 +2,7 @@
 
 use serde_json::Value;
 
-use crate::control::history::JobArchive;
+use crate::control::history::read::JobArchive;
 use crate::text::csv_field;
 
 /// Columns and where each is in an iteration.

@@ -8,7 +8,7 @@ use super::plot::{Point, Series, by_iteration, field_map};
 use super::steps::steps;
 use super::through_focus::through_focus;
 use crate::config::Config;
-use crate::control::history::JobArchive;
+use crate::control::history::read::JobArchive;
 use crate::control::job::{Iteration, JobSnapshot};
 use crate::text::{data_uri, escape, time};
 

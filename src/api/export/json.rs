@@ -5,7 +5,7 @@ use serde_json::Value;
 use utoipa::ToSchema;
 
 use crate::control::events::MeasurementView;
-use crate::control::history::{AskedStep, JobArchive, RunView};
+use crate::control::history::read::{AskedStep, JobArchive, RunView};
 use crate::control::job::JobSnapshot;
 use crate::store::records::Move;
 use crate::text::data_uri;

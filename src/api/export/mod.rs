@@ -18,7 +18,7 @@ use super::App;
 use super::contract::FromHistory;
 use super::error::Result;
 use super::extract::PathParam;
-use crate::control::history::JobArchive;
+use crate::control::history::read::JobArchive;
 
 pub use csv::csv;
 pub use html::html;

@@ -12,7 +12,7 @@ use plenalign::api::IN_RESERVE;
 use plenalign::api::server::{Connections, ServerSettings};
 use plenalign::config::ConfigOrigin;
 use plenalign::control::Service;
-use plenalign::control::history::HistoryAudit;
+use plenalign::control::service::history::HistoryAudit;
 use plenalign::store::{Hindrance, Store};
 use serde_json::{Value, json};
 use tokio_tungstenite::connect_async;

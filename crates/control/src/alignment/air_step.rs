@@ -1,16 +1,16 @@
 //! The air step: boards up, the moves of [`crate::loops::air`] carried out, e taken to where the shell is mounted.
 
-use super::tasks::AirStep;
 use super::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
+use crate::budget::AirStep;
 use crate::budget::{AirPlace, BoardSeen};
 use crate::job::IterationKind;
-use crate::job::context::JobEnd;
 use crate::loops::air::{AirDecision, AirLoop, AirObservation};
 use crate::loops::axis_model::{AxisModel, check_move};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::measuring::eye::Seen;
 use crate::measuring::sight::{CameraSeen, HoldB};
 use crate::plan::{AirBoards, Arrangement, Plan};
+use crate::running::end::JobEnd;
 use bench::config::BoardsInAir;
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::Solution;

@@ -5,10 +5,10 @@ use super::{Alignment, VERIFY_FRAMES};
 use crate::budget::{Evidence, e_axis};
 use crate::events::ShellState;
 use crate::job::Stage;
-use crate::job::context::JobEnd;
 use crate::loops::room::Contact;
 use crate::loops::shell::ShellObservation;
 use crate::measuring::eye::Seen;
+use crate::running::end::JobEnd;
 use bench::config::Config;
 use bench::device::{AxisName, Setup};
 

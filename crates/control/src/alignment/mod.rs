@@ -13,19 +13,21 @@ pub(crate) mod way_in;
 
 use std::sync::Arc;
 
-use super::budget::{AirPlace, BoardSeen, TiltChange};
-use super::events::{InView, ShellState};
-use super::job::{JobKind, Stage};
-use super::motion::{Admission, Motion};
-use super::plan::{AirBoards, Obstacle, Plan};
-use super::refusal::{Refusal, ServiceError};
-use crate::job::context::{JobContext, JobEnd};
+use crate::budget::{AirPlace, BoardSeen};
+use crate::events::{InView, ShellState};
 use crate::job::steps::Repeatable;
+use crate::job::{JobKind, Stage};
 use crate::loops::air::FREE_PROBES;
 use crate::loops::axis_model::AxisModel;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::shell::ShellObservation;
 use crate::measuring::eye::{Eye, Seen};
+use crate::motion::{Admission, Motion};
+use crate::plan::{AirBoards, Obstacle, Plan};
+use crate::refusal::{Refusal, ServiceError};
+use crate::running::context::JobContext;
+use crate::running::end::JobEnd;
+use crate::spacing::TiltChange;
 use bench::config::{Config, LBoundSource, ShellStep, Side};
 use bench::device::{AxisName, Setup};
 use plenoptics::optics::{CameraDesign, Solution};

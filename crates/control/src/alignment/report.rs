@@ -3,11 +3,11 @@
 use super::Findings;
 use crate::budget::{Budget, Evidence, PitchSeen};
 use crate::events::InView;
-use crate::job::context::JobContext;
 use crate::job::request::JobKind;
 use crate::job::{Interval, JobState, Report, SpacingTargets};
 use crate::measuring::eye::{Eye, Seen};
 use crate::motion::Motion;
+use crate::running::context::JobContext;
 use bench::config::Config;
 use bench::device::AxisName;
 

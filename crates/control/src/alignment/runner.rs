@@ -8,12 +8,13 @@ use futures_util::FutureExt as _;
 
 use super::report;
 use super::{Alignment, Findings};
-use crate::history::journal::word;
-use crate::job::clock::{Part, enter};
-use crate::job::context::{JobContext, JobEnd};
+use crate::clock::{Part, enter};
+use crate::job::word;
 use crate::job::{JobKind, JobState};
 use crate::measuring::eye::Eye;
 use crate::motion::{Admission, Motion};
+use crate::running::context::JobContext;
+use crate::running::end::JobEnd;
 use bench::config::Config;
 use bench::device::AxisName;
 use bench::telemetry;

@@ -4,16 +4,16 @@ use std::time::Duration;
 
 use super::report::{MOVED_MM, evidence};
 use super::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
-use crate::budget::{TiltChange, e_axis};
+use crate::budget::e_axis;
 use crate::events::ShellState;
 use crate::job::IterationKind;
-use crate::job::context::JobEnd;
 use crate::loops::axis_model::MoveFault;
 use crate::loops::mistake::ShellLook;
 use crate::loops::room::{Contact, Room};
 use crate::loops::shell::{ShellDecision, ShellLoop, ShellObservation};
 use crate::measuring::eye::Seen;
 use crate::plan::Plan;
+use crate::running::end::JobEnd;
 use bench::config::ShellStep;
 use bench::device::{AxisName, Setup};
 
@@ -83,7 +83,7 @@ impl Alignment<'_> {
                 self.findings.eog_before = seen.eog;
             }
             self.findings.eog_after = seen.eog;
-            self.findings.tilt_change = in_air.as_ref().map(|in_air| TiltChange::between(in_air, &seen));
+            self.findings.tilt_change = in_air.as_ref().map(|in_air| seen.tilt_change_since(in_air));
             let observation = ShellObservation {
                 e_reading_mm,
                 trim_mm,
@@ -165,7 +165,7 @@ impl Alignment<'_> {
     /// Notes where the spacing's tilt says that a board is turned.
     fn note_turned_board(&mut self, look: &ShellLook<'_>, in_air: Option<&Seen>, seen: &Seen) {
         let half_width_mm = self.config.sensor_extent().width / 2.0;
-        let turned = in_air.and_then(|in_air| look.turned_board(&TiltChange::between(in_air, seen), half_width_mm));
+        let turned = in_air.and_then(|in_air| look.turned_board(&seen.tilt_change_since(in_air), half_width_mm));
         if let Some(turned) = turned {
             self.note(turned);
         }

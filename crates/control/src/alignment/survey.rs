@@ -6,7 +6,6 @@ use tokio::time::Instant;
 
 use super::Alignment;
 use crate::events::ShellState;
-use crate::job::context::JobEnd;
 use crate::job::outcome::Outcome;
 use crate::job::request::Sweep;
 use crate::job::{IterationKind, Stage};
@@ -16,6 +15,7 @@ use crate::loops::through_focus;
 use crate::loops::through_focus::Point;
 use crate::measuring::eye::Seen;
 use crate::plan::AirBoards;
+use crate::running::end::JobEnd;
 use bench::device::{AxisName, Setup};
 use plenoptics::units::Millimetres;
 

@@ -1,32 +1,14 @@
 //! The kinds of job that are parts of an alignment, each from its preparation to its end.
 
 use super::{Alignment, VERIFY_FRAMES};
-use crate::budget::{AirPlace, BoardSeen};
+use crate::budget::BoardSeen;
 use crate::job::Stage;
-use crate::job::context::JobEnd;
 use crate::job::outcome::Outcome;
 use crate::job::request::JobKind;
-use crate::loops::calibrated::CalibratedCamera;
 use crate::plan::AirBoards;
+use crate::running::end::JobEnd;
 use bench::config::{LBoundSource, ShellStep};
 use bench::device::AxisName;
-
-/// What an air step left: enough to go on with the shell in a later job.
-#[derive(Debug, Clone)]
-pub(crate) struct AirStep {
-    /// Camera as calibrated.
-    pub(crate) camera: CalibratedCamera,
-    /// Δv at its end and its standard uncertainty, mm.
-    pub(crate) delta_v: (f64, f64),
-    /// The boards one by one, where they could be told apart.
-    pub(crate) boards: Option<[BoardSeen; 3]>,
-    /// Readback of the focus axis then, mm.
-    pub(crate) focus_mm: f64,
-    /// Travel of the focus axis over its reading, as the boards had it; `None` where it had not been moved.
-    pub(crate) focus_scale: Option<f64>,
-    /// What boards showed at other places of the axis.
-    pub(crate) places: Vec<AirPlace>,
-}
 
 impl Alignment<'_> {
     /// Runs what was asked for. What it found stays in `findings`, whatever the end.

@@ -3,12 +3,12 @@
 
 use super::Alignment;
 use super::air_step::InAir;
-use crate::job::context::JobEnd;
 use crate::loops::air::AirObservation;
 use crate::loops::axis_model::follows;
 use crate::loops::mistake::ShellLook;
 use crate::measuring::eye::Seen;
 use crate::plan::{AirBoards, Plan};
+use crate::running::end::JobEnd;
 use bench::device::AxisName;
 use plenoptics::imaging::clarity::Sharpness;
 

@@ -1,9 +1,8 @@
 //! What an alignment has seen.
 
-use crate::job::SpacingReading;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::shell::ShellObservation;
-use crate::measuring::eye::Seen;
+use crate::spacing::{SpacingReading, TiltChange};
 
 /// A board in air.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +31,23 @@ pub struct AirPlace {
     pub boards: Vec<BoardSeen>,
 }
 
+/// What an air step left: enough to go on with the shell in a later job.
+#[derive(Debug, Clone)]
+pub(crate) struct AirStep {
+    /// Camera as calibrated.
+    pub(crate) camera: CalibratedCamera,
+    /// Δv at its end and its standard uncertainty, mm.
+    pub(crate) delta_v: (f64, f64),
+    /// The boards one by one, where they could be told apart.
+    pub(crate) boards: Option<[BoardSeen; 3]>,
+    /// Readback of the focus axis then, mm.
+    pub(crate) focus_mm: f64,
+    /// Travel of the focus axis over its reading, as the boards had it; `None` where it had not been moved.
+    pub(crate) focus_scale: Option<f64>,
+    /// What boards showed at other places of the axis.
+    pub(crate) places: Vec<AirPlace>,
+}
+
 /// The pitch of a white frame's micro-images.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PitchSeen {
@@ -41,29 +57,6 @@ pub struct PitchSeen {
     pub sigma_px: f64,
     /// Readback of the focus axis when the frame was taken, mm.
     pub focus_mm: f64,
-}
-
-/// How the spacing's tilt differs through the shell from what it was in air.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TiltChange {
-    /// Along x and y, px per half frame width.
-    pub px: [f64; 2],
-    /// The standard uncertainty of each, px, with what the field's parts scatter by.
-    pub sigma_px: f64,
-    /// The least that it can be, by the spacings' own uncertainty, px.
-    pub least_sigma_px: f64,
-}
-
-impl TiltChange {
-    /// From boards in air to one through the shell.
-    pub(crate) fn between(in_air: &Seen, seen: &Seen) -> Self {
-        let (one, other) = (&in_air.spacing, &seen.spacing);
-        Self {
-            px: [other.tilt_x_px - one.tilt_x_px, other.tilt_y_px - one.tilt_y_px],
-            sigma_px: in_air.tilt_sigma_px.hypot(seen.tilt_sigma_px),
-            least_sigma_px: one.least_tilt_sigma_px().hypot(other.least_tilt_sigma_px()),
-        }
-    }
 }
 
 /// What an alignment has seen, from the end of its air step on.

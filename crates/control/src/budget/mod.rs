@@ -25,7 +25,8 @@ use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-pub use crate::budget::evidence::{AirPlace, BoardSeen, Evidence, PitchSeen, TiltChange};
+pub(crate) use evidence::AirStep;
+pub use evidence::{AirPlace, BoardSeen, Evidence, PitchSeen};
 
 use crate::budget::adjustment::{Adjusted, slopes};
 use crate::budget::model::Model;

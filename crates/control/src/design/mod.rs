@@ -5,7 +5,7 @@ pub mod draft;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use super::job::Interval;
+use crate::job::Interval;
 use bench::config::{Config, ConfigOrigin};
 use plenoptics::optics::{DesignReport, SolutionReport};
 use plenoptics::units::Millimetres;

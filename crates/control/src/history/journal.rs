@@ -5,14 +5,15 @@ use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 
 use jiff::Timestamp;
 use serde::Serialize;
+use serde::de::DeserializeOwned;
 use serde_json::{Value, json};
 use uuid::Uuid;
 
 use crate::bench_name::bench_name;
+use crate::events::SingleMeasurement;
 use crate::events::{MeasurementView, StopView};
+use crate::job::word;
 use crate::job::{JobSnapshot, JobState, OperatorStep};
-use crate::measuring::measurement::SingleMeasurement;
-use crate::motion::lease::{KeptLease, Leases};
 use crate::recording::{Happening, Sink};
 use crate::refusal::{Refusal, ServiceError};
 use bench::config::{BenchConfig, Config};
@@ -322,12 +323,15 @@ impl Journal {
     }
 
     /// Writes the control lease as it is when its turn comes, and returns once it is on the disk.
-    pub(crate) async fn write_lease(&self, leases: Arc<Leases>) -> Result<(), StoreError> {
-        self.put(LEASE_KEY, move || Some(document(&leases.keep()))).await
+    pub(crate) async fn write_lease<L: Serialize>(
+        &self,
+        lease: impl FnOnce() -> Option<L> + Send + 'static,
+    ) -> Result<(), StoreError> {
+        self.put(LEASE_KEY, move || Some(document(&lease()))).await
     }
 
     /// The control lease as an earlier run left it. One that cannot be read is none: it would only keep others out.
-    pub(crate) async fn kept_lease(&self) -> Result<Option<KeptLease>, StoreError> {
+    pub(crate) async fn kept_lease<L: DeserializeOwned>(&self) -> Result<Option<L>, StoreError> {
         Ok(self.get(LEASE_KEY).await?.into_iter().find_map(|value| serde_json::from_value(value).ok()))
     }
 
@@ -414,9 +418,4 @@ fn document(value: &impl Serialize) -> Value {
         tracing::error!(%error, "a record cannot be written as JSON");
         json!(null)
     })
-}
-
-/// The word for a state or a kind, as on the wire.
-pub(crate) fn word(value: &impl Serialize) -> String {
-    document(value).as_str().unwrap_or_default().to_owned()
 }

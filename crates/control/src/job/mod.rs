@@ -8,9 +8,8 @@
 //!     converged | succeeded | not_converged | failed      (interrupted: the program ended first)
 //! ```
 
-pub(crate) mod clock;
-pub(crate) mod context;
 pub mod outcome;
+pub(crate) mod recording;
 pub(crate) mod request;
 pub mod steps;
 
@@ -20,14 +19,14 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 use uuid::Uuid;
 
-use super::budget::Budget;
-use crate::history::journal::word;
+use crate::budget::Budget;
 use crate::job::outcome::Outcome;
 use crate::job::steps::JobStep;
+use crate::spacing::SpacingReading;
 use bench::device::AxisName;
 
-pub use super::recording::{Recording, RecordingState};
 pub use crate::job::request::{JobKind, JobRequest};
+pub use recording::{Recording, RecordingState};
 
 /// Where a job is in its life.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]
@@ -132,33 +131,6 @@ impl IterationKind {
             Self::Verify => "verify",
             Self::Sample => "sample",
         }
-    }
-}
-
-/// A spacing measured by a job's iteration.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SpacingReading {
-    /// Spacing on axis, px.
-    pub spacing_px: f64,
-    /// Its standard uncertainty, px.
-    pub spacing_sigma_px: f64,
-    /// Tilt along x, px per half frame width.
-    pub tilt_x_px: f64,
-    /// Tilt along y, px per half frame width.
-    pub tilt_y_px: f64,
-    /// Field curvature, px at half the frame's width from the centre.
-    pub curvature_px: f64,
-    /// Neighbour pairs used.
-    pub pairs: u32,
-    /// Frames combined.
-    pub frames: u32,
-}
-
-impl SpacingReading {
-    /// The least that either tilt's standard uncertainty can be, px: a slope over an evenly filled field is, at its edge, √3
-    /// times as uncertain as the mean.
-    pub(crate) fn least_tilt_sigma_px(&self) -> f64 {
-        3.0_f64.sqrt() * self.spacing_sigma_px
     }
 }
 
@@ -495,6 +467,11 @@ impl Report {
             _ => self.spacing_px.is_some(),
         }
     }
+}
+
+/// The word for a state or a kind, as on the wire.
+pub(crate) fn word(value: &impl Serialize) -> String {
+    serde_json::to_value(value).ok().and_then(|word| word.as_str().map(str::to_owned)).unwrap_or_default()
 }
 
 #[cfg(test)]

@@ -3,8 +3,7 @@
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
-use crate::motion::lease::{MAX_TEXT, turns_text};
-use crate::refusal::ServiceError;
+use crate::field::{Invalid, MAX_TEXT, turns_text};
 use bench::config::Config;
 use bench::device::AxisName;
 use bench::whole::whole_or_none;
@@ -165,8 +164,8 @@ impl JobRequest {
     /// configured.
     ///
     /// # Errors
-    /// [`ServiceError::Invalid`], naming the field.
-    pub fn check(&self, config: &Config) -> Result<(), ServiceError> {
+    /// [`Invalid`], naming the field.
+    pub fn check(&self, config: &Config) -> Result<(), Invalid> {
         let takes = Self::takes(self.kind);
         for (field, given) in [
             ("e_mm", self.e_mm.is_some()),
@@ -215,7 +214,7 @@ impl JobRequest {
     }
 
     /// The positions of a focus sweep.
-    pub(crate) fn sweep(&self) -> Result<Sweep, ServiceError> {
+    pub(crate) fn sweep(&self) -> Result<Sweep, Invalid> {
         let (Some(axis), Some(from_mm), Some(to_mm)) = (self.axis, self.from_mm, self.to_mm) else {
             let missing = if self.axis.is_none() {
                 "axis"
@@ -230,7 +229,7 @@ impl JobRequest {
     }
 
     /// Duration and interval of a spacing watch, s; the interval is lengthened where there would be too many measurements.
-    pub(crate) fn watch(&self) -> Result<(f64, f64), ServiceError> {
+    pub(crate) fn watch(&self) -> Result<(f64, f64), Invalid> {
         let interval_s = self.interval_s.unwrap_or(1.0);
         let Some(duration_s) = self.duration_s else {
             return invalid("duration_s", "a spacing watch needs its duration".to_owned());
@@ -239,11 +238,11 @@ impl JobRequest {
     }
 }
 
-fn invalid<T>(field: &'static str, what: String) -> Result<T, ServiceError> {
-    Err(ServiceError::Invalid { field, what })
+fn invalid<T>(field: &'static str, what: String) -> Result<T, Invalid> {
+    Err(Invalid { field, what })
 }
 
-fn within(field: &'static str, value: Option<f64>, low: f64, high: f64) -> Result<(), ServiceError> {
+fn within(field: &'static str, value: Option<f64>, low: f64, high: f64) -> Result<(), Invalid> {
     match value {
         Some(value) if !(low..=high).contains(&value) => {
             invalid(field, format!("{value} is not within {low} to {high}"))
@@ -257,11 +256,7 @@ mod tests {
     use super::*;
 
     fn field(request: &JobRequest) -> Option<&'static str> {
-        match request.check(&Config::default()) {
-            Ok(()) => None,
-            Err(ServiceError::Invalid { field, .. }) => Some(field),
-            Err(other) => panic!("{other}"),
-        }
+        request.check(&Config::default()).err().map(|Invalid { field, .. }| field)
     }
 
     #[test]

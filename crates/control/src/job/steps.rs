@@ -6,8 +6,18 @@ use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
 
 use super::{Iteration, TimeSpent};
-use crate::plan::PlannedStep;
 use bench::device::Setup;
+
+/// What the operator is asked to do, in the order of the job.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
+pub struct PlannedStep {
+    /// The step's name, as the job asks for it.
+    pub name: String,
+    /// The value to be set, with its unit; null where there is none.
+    pub value: Option<String>,
+    /// What is set up.
+    pub setup: Setup,
+}
 
 /// Where a step is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize, ToSchema)]

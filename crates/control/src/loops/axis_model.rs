@@ -6,6 +6,9 @@
 
 use bench::device::AxisName;
 
+/// A readback this far from its target means that the controller did not do what it was told, mm.
+pub(crate) const READBACK_TOLERANCE_MM: f64 = 0.01;
+
 /// True position against reading: `value = offset + scale (reading − reference)`, with the covariance of offset and
 /// scale. Readings and values in mm.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -2,8 +2,7 @@
 //! the camera is, the picture follows; what it shows instead names what was set up otherwise.
 
 use super::calibrated::CalibratedCamera;
-use crate::budget::TiltChange;
-use crate::job::SpacingReading;
+use crate::spacing::{SpacingReading, TiltChange};
 use bench::config::AxisConfig;
 use plenoptics::optics::{CameraDesign, Shell};
 

@@ -24,7 +24,7 @@ const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 const MAX_MOVES: u32 = 9;
 /// A trim that the picture contradicts by no more than this is not held against the focus axis at once, mm: a carriage that
 /// sticks arrives as far beside its reading.
-const STICKS_MM: f64 = crate::motion::READBACK_TOLERANCE_MM;
+const STICKS_MM: f64 = super::axis_model::READBACK_TOLERANCE_MM;
 /// Standard uncertainties of what the picture shows of a trim that are no contradiction.
 const TOLD_SIGMAS: f64 = 4.0;
 /// This many contradictions in a row are a fault: one in a thousand of the carriages that stick shows as many.

@@ -1,8 +1,8 @@
 //! The way of an axis that is swept, as the picture has it beside the axis's own readings. Pure.
 
+use super::axis_model::READBACK_TOLERANCE_MM;
 use super::axis_model::{MoveFault, SCALE_FAULT, TELLING, check_move};
 use super::calibrated::CalibratedCamera;
-use crate::motion::READBACK_TOLERANCE_MM;
 use bench::device::AxisName;
 use plenoptics::optics::mla;
 

@@ -7,18 +7,19 @@ use jiff::Timestamp;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
+use super::repeats::Repeats;
 use super::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
-use crate::alignment::tasks::AirStep;
+use crate::budget::AirStep;
+use crate::clock::{Part, enter};
 use crate::events::{FieldMap, InView, MeasurementView, ShellState, TargetSource};
 use crate::history::journal::Journal;
-use crate::job::SpacingReading;
-use crate::job::clock::{Part, enter};
-use crate::job::context::JobEnd;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::motion::Motion;
 use crate::plan::{AcceptedWithin, AirBoards, most_trim_mm};
 use crate::recording::{Answer, Happening};
+use crate::running::end::JobEnd;
 use crate::set_up::{Moment, SetUp};
+use crate::spacing::{SpacingReading, TiltChange};
 use bench::config::{Config, SpacingTarget};
 use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame};
 use bench::telemetry;
@@ -71,6 +72,18 @@ pub(crate) struct Seen {
     pub(crate) picture: Option<Arc<Vec<u8>>>,
 }
 
+impl Seen {
+    /// How the tilt has changed through the shell since boards in air were seen.
+    pub(crate) fn tilt_change_since(&self, in_air: &Self) -> TiltChange {
+        let (one, other) = (&in_air.spacing, &self.spacing);
+        TiltChange {
+            px: [other.tilt_x_px - one.tilt_x_px, other.tilt_y_px - one.tilt_y_px],
+            sigma_px: in_air.tilt_sigma_px.hypot(self.tilt_sigma_px),
+            least_sigma_px: one.least_tilt_sigma_px().hypot(other.least_tilt_sigma_px()),
+        }
+    }
+}
+
 /// Boards in air seen.
 #[derive(Debug, Clone)]
 pub(crate) struct SeenInAir {
@@ -102,6 +115,7 @@ pub(crate) struct Eye {
     design: CameraDesign,
     bench: Bench,
     motion: Arc<Motion>,
+    repeats: Repeats,
     journal: Arc<Journal>,
     sight: Mutex<Option<Arc<Sight>>>,
     /// The frame that it was learnt from.
@@ -127,6 +141,7 @@ impl Eye {
             bench,
             motion,
             journal,
+            repeats: Repeats::default(),
             sight: Mutex::new(None),
             white: Mutex::new(None),
             air_step: Mutex::new(None),
@@ -445,6 +460,12 @@ impl Eye {
     /// The frame that was looked at last.
     pub(crate) fn looked_at(&self) -> Option<Arc<Frame>> {
         self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The first of the frames in a row, up to this one, that have its very picture, by its sequence number.
+    pub(crate) async fn first_alike(self: &Arc<Self>, frame: &Arc<Frame>) -> u64 {
+        let eye = Arc::clone(self);
+        self.repeats.first(frame, move |before, frame| eye.repeats(before, frame)).await
     }
 
     /// Whether a frame has the very picture of one before it.

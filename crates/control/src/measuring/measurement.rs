@@ -3,14 +3,10 @@
 use std::sync::Arc;
 use std::time::Duration;
 
-use jiff::Timestamp;
-use serde::{Deserialize, Serialize};
 use tokio::time::Instant;
-use utoipa::ToSchema;
 
 use super::eye::Eye;
-use crate::events::MeasurementView;
-use crate::service::Service;
+use crate::events::{MeasurementView, SingleMeasurement};
 use crate::{Refusal, ServiceError};
 use bench::device::{AxisName, AxisPose, Frame};
 
@@ -21,27 +17,6 @@ pub struct MeasurementRequest {
     pub settled: bool,
     /// How long ago the frame's exposure may have begun; with none, it begins after the request.
     pub max_age: Option<Duration>,
-}
-
-/// What was measured, and of which frame.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct SingleMeasurement {
-    /// The measurement.
-    #[serde(flatten)]
-    pub measurement: MeasurementView,
-    /// Whether an axis moved, or had not settled, during the exposure: no loop uses such a measurement.
-    pub spans_motion: bool,
-    /// The axes that did.
-    pub unsettled: Vec<AxisName>,
-    /// Begin of the exposure, RFC 3339; `captured_at` is its end.
-    #[schema(value_type = String, format = DateTime)]
-    pub exposed_from: Timestamp,
-    /// Whether the exposure's begin and end are assumed, not the driver's word.
-    pub exposure_assumed: bool,
-    /// Whether the frame was simulated.
-    pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
-    pub replayed: bool,
 }
 
 impl SingleMeasurement {
@@ -96,7 +71,7 @@ impl Eye {
     }
 
     /// Measures one frame.
-    async fn measure_one(&self, request: MeasurementRequest) -> Result<SingleMeasurement, ServiceError> {
+    pub(crate) async fn measure_one(&self, request: MeasurementRequest) -> Result<SingleMeasurement, ServiceError> {
         let cannot = |why: String| ServiceError::from(Refusal::NotMeasurable { why });
         if let Some(why) = &self.bench().camera.state().borrow().unfit {
             return Err(cannot(format!("the camera's frames are not fit for it: {why}")));
@@ -108,21 +83,6 @@ impl Eye {
         let view = self.measure_frame(&frame).await.map_err(cannot)?;
         let measured = SingleMeasurement::of(&frame, view);
         self.journal().measured_alone(&measured);
-        Ok(measured)
-    }
-}
-
-impl Service {
-    /// Measures the spacing in one frame, moves nothing, and keeps the result in the history. One at a time, however
-    /// many ask.
-    ///
-    /// # Errors
-    /// [`Refusal::SpansMotion`] where settled axes are demanded and one moves or settles; [`Refusal::NotMeasurable`]
-    /// where there is nothing to be measured; the camera's own error.
-    pub async fn measure(&self, request: MeasurementRequest) -> Result<SingleMeasurement, ServiceError> {
-        let _turn = self.measuring.lock().await;
-        let measured = self.eye.measure_one(request).await?;
-        self.publish_measurement(measured.measurement.clone());
         Ok(measured)
     }
 }

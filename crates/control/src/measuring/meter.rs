@@ -16,24 +16,20 @@ use jiff::Timestamp;
 use tokio::sync::{Notify, broadcast, watch};
 
 use super::at_rest::AtRest;
-use super::eye::{OLD_PICTURE, Unmeasured};
+use super::eye::{Eye, OLD_PICTURE, Unmeasured};
 use super::meter::doubt::Doubt;
 use super::sight::Sight;
 use crate::events::{InView, MeasurementView};
+use crate::reading::{NoReading, Reading, SEARCHING};
 use crate::recording::{Happening, words};
-use crate::service::Service;
 use bench::device::Frame;
 use bench::record::messages::MeterReading;
 use bench::telemetry::{self, ReadingOutcome};
-use plenoptics::imaging::combined::Combined;
-use plenoptics::imaging::grid::GridError;
-use plenoptics::imaging::live::{LiveError, LiveMeter, LivePart, LiveSpacing};
-use plenoptics::imaging::spacing::SpacingError;
+use plenoptics::imaging::live::{LiveMeter, LivePart, LiveSpacing};
 
 /// How long a frame is awaited before it is seen whether anybody still reads.
 const PATIENCE: Duration = Duration::from_millis(500);
-/// What is said of frames that come between two searches.
-const SEARCHING: &str = "the spacing is searched for";
+
 /// How many readings are kept to be compared with whole measurements of their frames.
 const KEPT: usize = 256;
 /// Readings kept for who takes each of them and lags.
@@ -43,62 +39,6 @@ const SAME_PX: f64 = 1.0;
 
 /// Frames one after another that cannot be measured in whole, nothing moving, until what is read is in doubt.
 const FAILURES: u32 = 2;
-
-/// What the meter reads in one frame.
-#[derive(Debug, Clone)]
-pub struct Reading {
-    /// The frame.
-    pub frame: Arc<Frame>,
-    /// Its spacing, or why there is none.
-    pub spacing: Result<LiveSpacing, NoReading>,
-    /// What it comes to with those before it while nothing has moved, px: there where the frame has a spacing.
-    pub combined: Option<Combined>,
-    /// The spacing wanted, px.
-    pub spacing_target_px: f64,
-    /// By how much it may be off that where a job accepts it, px.
-    pub spacing_tolerance_px: f64,
-    /// Whether there is a spacing, of one board as far as is known, and what is combined within the blur limit of that.
-    pub in_focus: bool,
-    /// Whether the spacing steps over the field as between two boards, and nothing measured in whole has said yet whether there
-    /// are: it may be neither's. Or no frame can be measured in whole, though nothing moves: it may be none's.
-    pub doubted: bool,
-    /// Of one in doubt, why no frame could be measured in whole to end that, in words.
-    pub unresolved: Option<String>,
-    /// Frames that the camera took since somebody began to read, and that were not measured.
-    pub frames_left_out: u64,
-}
-
-/// Why a frame gave no reading, in words.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub enum NoReading {
-    /// The spacing could not be followed to this frame, and is searched for.
-    Lost(String),
-    /// The frame cannot be measured.
-    Refused(String),
-}
-
-impl From<LiveError> for NoReading {
-    fn from(error: LiveError) -> Self {
-        let why = error.to_string();
-        match error {
-            // It shows something, and there is no telling at which spacing: the next may.
-            LiveError::Spacing(
-                SpacingError::NoMatch { .. }
-                | SpacingError::BeyondRange { .. }
-                | SpacingError::OtherMode { .. }
-                | SpacingError::Unsettled { .. }
-                | SpacingError::Ambiguous { .. },
-            )
-            | LiveError::Grid(GridError::DoesNotFit { .. } | GridError::NoLattice { .. })
-            | LiveError::GridMoved { .. }
-            | LiveError::GridNotSeen { .. }
-            | LiveError::WhiteMisfit(_)
-            | LiveError::Lost { .. } => Self::Lost(why),
-            LiveError::NoStart => Self::Lost(SEARCHING.to_owned()),
-            LiveError::Spacing(_) | LiveError::Grid(_) | LiveError::Vignetting(_) => Self::Refused(why),
-        }
-    }
-}
 
 /// What is followed from frame to frame.
 struct Followed {
@@ -270,6 +210,20 @@ impl Default for Readings {
 }
 
 impl Readings {
+    /// The newest reading from now on.
+    pub(crate) fn newest(&self) -> watch::Receiver<Option<Arc<Reading>>> {
+        let readings = self.newest.subscribe();
+        self.begun.notify_one();
+        readings
+    }
+
+    /// Each reading from now on.
+    pub(crate) fn each(&self) -> broadcast::Receiver<Arc<MeterReading>> {
+        let each = self.each.subscribe();
+        self.begun.notify_one();
+        each
+    }
+
     fn are_read(&self) -> bool {
         self.newest.receiver_count() > 0 || self.each.receiver_count() > 0
     }
@@ -329,53 +283,34 @@ impl Readings {
             two_boards: measured.two_boards.is_some(),
         }));
     }
-}
 
-impl Service {
-    /// What the meter reads from now on, frame by frame: measured for as long as this is held.
-    #[must_use]
-    pub fn readings(&self) -> watch::Receiver<Option<Arc<Reading>>> {
-        let readings = self.readings.newest.subscribe();
-        self.readings.begun.notify_one();
-        readings
-    }
-
-    /// Each single reading from now on, without its frame: measured for as long as this is held. Who lags by more than 256
-    /// is told how many were left out.
-    #[must_use]
-    pub fn each_reading(&self) -> broadcast::Receiver<Arc<MeterReading>> {
-        let each = self.readings.each.subscribe();
-        self.readings.begun.notify_one();
-        each
-    }
-
-    /// Reads every frame while somebody reads the meter.
-    pub(crate) async fn watch_meter(&self) {
+    /// Reads every frame while somebody reads the meter, and tells `read` of each reading.
+    pub(crate) async fn watch(&self, eye: &Arc<Eye>, read: impl Fn(&Reading)) {
         loop {
-            if !self.readings.are_read() {
-                self.readings.newest.send_replace(None);
-                self.readings.begun.notified().await;
+            if !self.are_read() {
+                self.newest.send_replace(None);
+                self.begun.notified().await;
                 continue;
             }
-            self.read_frames().await;
-            self.readings.begin_anew();
+            self.read_frames(eye, &read).await;
+            self.begin_anew();
         }
     }
 
     /// Reads frames until nobody reads them any more.
-    async fn read_frames(&self) {
-        let (mut live, mut whole) = (self.bench.camera.live(), self.readings.whole.subscribe());
+    async fn read_frames(&self, eye: &Arc<Eye>, published: &impl Fn(&Reading)) {
+        let (mut live, mut whole) = (eye.bench().camera.live(), self.whole.subscribe());
         let (mut followed, mut before, mut frames_left_out) = (None, None::<Arc<Frame>>, 0);
         let (mut kept, mut at_rest) = (VecDeque::with_capacity(KEPT), AtRest::new());
-        let (mut doubt, mut set_up) = (Doubt::default(), self.eye.set_up_instant());
-        while self.readings.are_read() {
+        let (mut doubt, mut set_up) = (Doubt::default(), eye.set_up_instant());
+        while self.are_read() {
             match tokio::time::timeout(PATIENCE, live.changed()).await {
                 Ok(Ok(())) => {}
                 // The camera's driver has ended: no frame comes any more.
                 Ok(Err(_)) => return std::future::pending().await,
                 Err(_) => continue,
             }
-            let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), self.eye.sight()) else { continue };
+            let (Some(frame), Some(sight)) = (live.borrow_and_update().clone(), eye.sight()) else { continue };
             if whole.has_changed().is_ok_and(|changed| changed) {
                 let measured = *whole.borrow_and_update();
                 let other = |measured: &Whole| {
@@ -390,12 +325,12 @@ impl Service {
                     at_rest.lost();
                 }
             }
-            let now_set_up = self.eye.set_up_instant();
+            let now_set_up = eye.set_up_instant();
             if now_set_up != set_up {
                 set_up = now_set_up;
                 at_rest.set_up();
                 doubt = Doubt::default();
-                self.readings.begin_anew();
+                self.begin_anew();
             }
             // It shows, in part at least, what stood there before.
             if frame.exposed_from < set_up && !frame.replayed {
@@ -403,7 +338,7 @@ impl Service {
             }
             let missed = before.as_ref().map_or(0, |before| frame.seq.saturating_sub(before.seq + 1));
             frames_left_out += missed;
-            let spacing = if self.first_alike(&frame).await == frame.seq {
+            let spacing = if eye.first_alike(&frame).await == frame.seq {
                 read(&mut followed, sight, &frame).await
             } else {
                 Err(NoReading::Refused(OLD_PICTURE.to_owned()))
@@ -418,48 +353,52 @@ impl Service {
                 at_rest.lost();
             }
             let combined = spacing.as_ref().ok().map(|spacing| at_rest.take(&frame, spacing));
-            let spacing_target_px = self.eye.target_px();
+            let spacing_target_px = eye.target_px();
             // What another set-up showed says nothing of this one.
-            let set_up_at = self.eye.set_up_at();
+            let set_up_at = eye.set_up_at();
             let newest = (*whole.borrow()).filter(|whole| whole.captured_at >= set_up_at);
             // A board of several levels steps, and is known to.
             let uneven = spacing
                 .as_ref()
                 .is_ok_and(|spacing| doubt.take(frame.seq, spacing.unevenness, newest.map(|whole| whole.frame_seq)));
-            let doubted = self.eye.in_view() != InView::SteppedBoard && (uneven || self.readings.fails_in_whole());
+            let doubted = eye.in_view() != InView::SteppedBoard && (uneven || self.fails_in_whole());
             if spacing.is_ok() {
-                self.readings.doubt(doubted);
+                self.doubt(doubted);
             }
             // What cannot be read either, or is of another place, says nothing of what can.
             if spacing.is_err() || !frame.is_settled() {
-                self.readings.failures.store(0, Ordering::Relaxed);
+                self.failures.store(0, Ordering::Relaxed);
             }
-            let in_focus = combined.is_some_and(|combined| self.eye.is_field_in_focus(combined.value))
+            let in_focus = combined.is_some_and(|combined| eye.is_field_in_focus(combined.value))
                 && !doubted
                 && !newest.is_some_and(|whole| whole.two_boards);
-            self.publish_reading(Reading {
-                frame,
-                spacing,
-                combined,
-                spacing_target_px,
-                spacing_tolerance_px: self.eye.tolerance_px(),
-                in_focus,
-                doubted,
-                unresolved: self.readings.unmeasured().clone().filter(|_| doubted),
-                frames_left_out,
-            });
+            self.publish(
+                eye,
+                published,
+                Reading {
+                    frame,
+                    spacing,
+                    combined,
+                    spacing_target_px,
+                    spacing_tolerance_px: eye.tolerance_px(),
+                    in_focus,
+                    doubted,
+                    unresolved: self.unmeasured().clone().filter(|_| doubted),
+                    frames_left_out,
+                },
+            );
         }
     }
 
     /// Hands a reading to who reads, and to a job's recording. Nobody is waited for.
-    fn publish_reading(&self, reading: Reading) {
-        self.recent.reading(&reading);
-        self.journal.happened(|| Happening::Read(Box::new(words::meter_reading(&reading))));
-        if self.readings.each.receiver_count() > 0 {
+    fn publish(&self, eye: &Eye, published: &impl Fn(&Reading), reading: Reading) {
+        published(&reading);
+        eye.journal().happened(|| Happening::Read(Box::new(words::meter_reading(&reading))));
+        if self.each.receiver_count() > 0 {
             // Whoever has gone meanwhile is no error.
-            let _ = self.readings.each.send(Arc::new(words::meter_reading(&reading)));
+            let _ = self.each.send(Arc::new(words::meter_reading(&reading)));
         }
-        self.readings.newest.send_replace(Some(Arc::new(reading)));
+        self.newest.send_replace(Some(Arc::new(reading)));
     }
 }
 

@@ -4,4 +4,5 @@ pub(crate) mod at_rest;
 pub(crate) mod eye;
 pub mod measurement;
 pub mod meter;
+mod repeats;
 pub(crate) mod sight;

@@ -7,8 +7,8 @@ use nalgebra::{DMatrix, DVector};
 
 use crate::budget::BoardSeen;
 use crate::events::TwoBoardsView;
-use crate::job::SpacingReading;
-use crate::job::context::JobEnd;
+use crate::running::end::JobEnd;
+use crate::spacing::SpacingReading;
 use bench::config::Config;
 use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level, fit_line};
 use plenoptics::imaging::clarity::Eog;

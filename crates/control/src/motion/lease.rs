@@ -14,6 +14,8 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use super::Stops;
+use crate::events::LeaseView;
+use crate::field::words;
 use crate::refusal::{Refusal, ServiceError};
 use bench::access::Digest;
 
@@ -23,31 +25,6 @@ pub const GRACE: Duration = Duration::from_secs(10);
 pub const TTL_RANGE_S: [f64; 2] = [2.0, 3600.0];
 /// Time to live where none is asked for, s.
 pub const DEFAULT_TTL_S: f64 = 30.0;
-/// Most characters of an owner's name, of a note, and of why the stop is reset.
-pub const MAX_TEXT: usize = 200;
-
-/// A lease as anybody may see it.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct LeaseView {
-    /// Identity of this lease.
-    #[schema(value_type = String, format = Uuid)]
-    pub id: Uuid,
-    /// Who holds it.
-    pub owner: String,
-    /// What for, in the owner's words.
-    pub note: Option<String>,
-    /// Since when, RFC 3339.
-    #[schema(value_type = String, format = DateTime)]
-    pub since: jiff::Timestamp,
-    /// Time to live from a heartbeat, s.
-    pub ttl_s: f64,
-    /// When it runs out unless it is renewed, RFC 3339; absent while a job or a connection holds it.
-    #[schema(value_type = Option<String>, format = DateTime)]
-    pub expires_at: Option<jiff::Timestamp>,
-    /// The job that holds it until its end.
-    #[schema(value_type = Option<String>, format = Uuid)]
-    pub job: Option<Uuid>,
-}
 
 /// A lease just granted.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
@@ -88,25 +65,6 @@ impl LeaseRequest {
         }
         Ok(Self { owner, note, ttl: Duration::from_secs_f64(ttl_s) })
     }
-}
-
-/// Text that a person gives with a request: 1 to [`MAX_TEXT`] printable characters, none of which turns the direction of text.
-///
-/// # Errors
-/// [`ServiceError::Invalid`] names the field.
-pub fn words(field: &'static str, text: &str) -> Result<(), ServiceError> {
-    let unprintable = |c: char| c.is_control() || turns_text(c);
-    if text.trim().is_empty() || text.chars().count() > MAX_TEXT || text.chars().any(unprintable) {
-        let what =
-            format!("1 to {MAX_TEXT} printable characters are needed, and no marks that turn the direction of text");
-        return Err(ServiceError::Invalid { field, what });
-    }
-    Ok(())
-}
-
-/// Whether a character is not seen and has what stands around it, also figures of ours, run the other way or on another line.
-pub const fn turns_text(c: char) -> bool {
-    matches!(c, '\u{61c}' | '\u{200e}' | '\u{200f}' | '\u{2028}'..='\u{202e}' | '\u{2066}'..='\u{2069}')
 }
 
 /// That the holder of the lease asks: what every command of motion needs.

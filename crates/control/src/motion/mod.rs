@@ -20,13 +20,11 @@ use std::time::Duration;
 use tokio::sync::Notify;
 use tokio::time::Instant;
 
-use super::events::ShellState;
-use super::recording::{Answer, Happening};
-use super::refusal::{Refusal, ServiceError};
-use super::set_up::Moment;
+use crate::clock::{Part, enter};
+use crate::events::ShellState;
 use crate::history::journal::{Journal, Underway};
-use crate::job::clock::{Part, enter};
 use crate::loops::axis_model::AxisModel;
+use crate::loops::axis_model::READBACK_TOLERANCE_MM;
 use crate::loops::room::Contact;
 use crate::motion::admission::Commands;
 pub use crate::motion::admission::{Admission, Claim, Stops};
@@ -34,13 +32,13 @@ pub use crate::motion::halt::StopReport;
 use crate::motion::latch::Latch;
 use crate::motion::lease::Leases;
 use crate::motion::pieces::{Ahead, Pieces};
+use crate::recording::{Answer, Happening};
+use crate::refusal::{Refusal, ServiceError};
+use crate::set_up::Moment;
 use bench::config::{AxisConfig, Config, Side};
 use bench::device::jog::{Deadman, Seen, jog};
 use bench::device::{AxisName, Bench, DeviceError, StageInfo, StageState};
 use plenoptics::units::Millimetres;
-
-/// A readback this far from its target means that the controller did not do what it was told, mm.
-pub(super) const READBACK_TOLERANCE_MM: f64 = 0.01;
 
 /// The bench's stages behind the motion rules.
 pub struct Motion {

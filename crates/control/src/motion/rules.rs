@@ -1,8 +1,9 @@
 //! What an axis may be told now: latch, homing, limits, the e wall, the greatest step, and the side to approach from.
 
-use super::{EKnown, Motion, READBACK_TOLERANCE_MM, State, index};
+use super::{EKnown, Motion, State, index};
 use crate::events::ShellState;
 use crate::loops::axis_model::AxisModel;
+use crate::loops::axis_model::READBACK_TOLERANCE_MM;
 use crate::loops::room::{EAxis, Room};
 use crate::refusal::{Refusal, ServiceError};
 use bench::config::Side;

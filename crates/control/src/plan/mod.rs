@@ -11,7 +11,7 @@ mod view;
 pub use boards::{AirBoards, Arrangement};
 pub use expected::ExpectedBudget;
 pub use obstacle::Obstacle;
-pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob, PlannedStep};
+pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob};
 
 use crate::loops::air::{AirGoal, FREE_PROBES};
 use crate::loops::shell::ShellGoal;

@@ -9,6 +9,7 @@ use super::obstacle::Obstacle;
 use super::precision::{Precision, spacing_sigma_px};
 use super::{Plan, spacing_in_water};
 use crate::job::request::JobKind;
+use crate::job::steps::PlannedStep;
 use bench::config::{Config, ConfigOrigin, LBoundSource};
 use bench::device::Setup;
 
@@ -43,17 +44,6 @@ pub struct PlannedBoard {
     pub distance_mm: f64,
     /// Its spacing, px.
     pub spacing_px: f64,
-}
-
-/// What the operator is asked to do, in the order of the job.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-pub struct PlannedStep {
-    /// The step's name, as the job asks for it.
-    pub name: String,
-    /// The value to be set, with its unit; null where there is none.
-    pub value: Option<String>,
-    /// What is set up.
-    pub setup: Setup,
 }
 
 impl PlannedStep {

@@ -4,9 +4,10 @@ use serde::de::DeserializeOwned;
 
 use super::{Answer, End};
 use crate::events::{FieldMap, MeasurementView, TwoBoardsView};
-use crate::history::journal::word;
-use crate::job::{Iteration, LogLine, SpacingReading};
-use crate::measuring::meter::{NoReading, Reading};
+use crate::job::word;
+use crate::job::{Iteration, LogLine};
+use crate::reading::{NoReading, Reading};
+use crate::spacing::SpacingReading;
 use bench::device::replayed::OPERATOR;
 use bench::device::{AxisName, Frame, StageState};
 use bench::record::foxglove::{

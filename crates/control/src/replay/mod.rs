@@ -12,11 +12,11 @@ use serde::Serialize;
 use tokio::sync::broadcast::error::RecvError;
 use uuid::Uuid;
 
-use super::events::Event;
-use super::job::{JobKind, JobSnapshot, JobState};
-use super::recording::{Happening, Sink};
-use super::service::Service;
+use crate::events::Event;
+use crate::job::{JobKind, JobSnapshot, JobState};
 use crate::motion::lease::{DEFAULT_TTL_S, LeaseRequest};
+use crate::recording::{Happening, Sink};
+use crate::service::Service;
 use bench::config::Config;
 use bench::device::replayed::{self, EXHAUSTED, RecordedFrames};
 use bench::record::ReadError;
@@ -136,7 +136,7 @@ pub async fn replay(path: &Path) -> Result<Replay, ReplayError> {
     Ok(compared(file, &recorded, &figures, &ended))
 }
 
-async fn run(service: &Arc<Service>, request: super::job::JobRequest, sink: Arc<Kept>) -> Result<JobSnapshot, String> {
+async fn run(service: &Arc<Service>, request: crate::job::JobRequest, sink: Arc<Kept>) -> Result<JobSnapshot, String> {
     let words = |error: &dyn std::fmt::Display| error.to_string();
     let mut events = service.subscribe();
     let ttl = Duration::from_secs_f64(DEFAULT_TTL_S);

@@ -11,12 +11,13 @@ use uuid::Uuid;
 use super::Service;
 use super::by_hand::broken;
 use crate::alignment::runner;
-use crate::history::journal::word;
-use crate::job::context::{Job, JobContext};
+use crate::job::word;
 use crate::job::{JobRequest, JobSnapshot, JobState};
+use crate::job::{Recording, RecordingState};
 use crate::motion::Admission;
 use crate::motion::lease::Permit;
-use crate::recording::{FileSink, Happening, Recording, RecordingState, Sink};
+use crate::recording::{FileSink, Happening, Sink};
+use crate::running::context::{Job, JobContext};
 use crate::{Refusal, ServiceError};
 use bench::device::AxisName;
 

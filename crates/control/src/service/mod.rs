@@ -4,13 +4,15 @@ pub(crate) mod by_hand;
 pub(crate) mod confirm_key;
 pub(crate) mod exposure;
 pub(crate) mod health;
+pub mod history;
 pub(crate) mod jobs;
 pub mod light;
 pub mod look;
+mod measuring;
 pub mod pose;
 pub(crate) mod press;
 pub mod recent;
-pub(crate) mod repeats;
+pub(crate) mod recording;
 pub(crate) mod retention;
 pub(crate) mod simulated;
 pub(crate) mod stopping;
@@ -26,27 +28,27 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use super::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView};
-use super::job::JobSnapshot;
-use super::motion::{Motion, Stops};
-use super::{Refusal, ServiceError};
+use crate::events::LeaseView;
+use crate::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView};
 use crate::history::journal::Journal;
-use crate::job::context::Job;
+use crate::job::JobSnapshot;
 use crate::measuring::eye::Eye;
 use crate::measuring::meter::Readings;
-use crate::motion::lease::{LeaseGrant, LeaseRequest, LeaseView, Leases};
+use crate::motion::lease::{LeaseGrant, LeaseRequest, Leases};
+use crate::motion::{Motion, Stops};
+use crate::running::context::Job;
 use crate::service::by_hand::{Failure, Jogging};
 use crate::service::confirm_key::ConfirmKeys;
 use crate::service::look::Looks;
 use crate::service::press::Presses;
 use crate::service::recent::Recent;
-use crate::service::repeats::Repeats;
 use crate::service::simulated::PlanInForce;
 use crate::service::stopping::KEEP_ALLOWED;
+use crate::{Refusal, ServiceError};
 use bench::access::PROGRAM;
 use bench::config::Config;
 use bench::device::{AxisName, Bench};
-use bench::store::Store;
+use bench::store::{Store, StoreError};
 
 /// Events kept for a subscriber that lags.
 const EVENT_QUEUE: usize = 1024;
@@ -84,7 +86,6 @@ pub struct Service {
     pub(super) measuring: tokio::sync::Mutex<()>,
     /// One frame at a time is made ready for pictures.
     pub(super) looks: tokio::sync::Mutex<Looks>,
-    pub(super) repeats: Repeats,
     /// Why the last command by hand of an axis did not end as commanded.
     pub(super) failures: Mutex<HashMap<AxisName, Failure>>,
     pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
@@ -135,7 +136,6 @@ impl Service {
             recent: Recent::default(),
             measuring: tokio::sync::Mutex::default(),
             looks: tokio::sync::Mutex::default(),
-            repeats: Repeats::default(),
             failures: Mutex::default(),
             jogs: Mutex::default(),
             presses: Presses::default(),
@@ -338,10 +338,14 @@ impl Service {
     /// Has the history know who has the control before that is told, so that a key that is dead is so after a restart,
     /// too; a slow disk is waited for a moment at most.
     async fn lease_kept_soon(&self) {
-        let write = self.journal.write_lease(Arc::clone(&self.leases));
-        if !matches!(tokio::time::timeout(KEEP_ALLOWED, write).await, Ok(Ok(()))) {
+        if !matches!(tokio::time::timeout(KEEP_ALLOWED, self.write_lease()).await, Ok(Ok(()))) {
             self.lease_unkept.notify_one();
         }
+    }
+
+    pub(super) async fn write_lease(&self) -> Result<(), StoreError> {
+        let leases = Arc::clone(&self.leases);
+        self.journal.write_lease(move || leases.keep()).await
     }
 
     pub(super) fn open_for_motion(&self) -> Result<(), ServiceError> {

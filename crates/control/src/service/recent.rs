@@ -10,7 +10,7 @@ use utoipa::ToSchema;
 
 use super::Service;
 use crate::events::{BenchView, MeasurementView};
-use crate::measuring::meter::Reading;
+use crate::reading::Reading;
 use bench::device::AxisName;
 
 /// How far back it goes.

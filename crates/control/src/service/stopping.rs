@@ -8,7 +8,7 @@ use tokio::time::Instant;
 
 use super::Service;
 use crate::events::StopReset;
-use crate::motion::lease::words;
+use crate::field::words;
 use crate::{Refusal, ServiceError, StopReport};
 
 /// Longest that whoever stops, or gives control up, waits for the disk.

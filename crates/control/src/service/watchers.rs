@@ -148,7 +148,7 @@ impl Service {
     async fn keep_lease(&self) {
         loop {
             self.lease_unkept.notified().await;
-            while self.journal.write_lease(Arc::clone(&self.leases)).await.is_err() {
+            while self.write_lease().await.is_err() {
                 tokio::time::sleep(TRY_AGAIN).await;
             }
         }

@@ -7,7 +7,8 @@ use plenoptics::imaging::combined::Since;
 use plenoptics::raw::RawImage;
 
 use super::*;
-use crate::alignment::tasks::AirStep;
+use crate::Service;
+use crate::budget::AirStep;
 use crate::events::{Event, InView, ShellState, TargetSource, TwoBoardsView};
 use crate::job::{JobKind, JobRequest};
 use crate::loops::calibrated::CalibratedCamera;

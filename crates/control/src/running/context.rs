@@ -11,93 +11,26 @@ use tokio::sync::{broadcast, mpsc};
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use super::clock::{JobClock, Part, enter};
-use super::outcome::Outcome;
-use super::steps::{self, JobStep, Repeatable};
-use super::{
-    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage, TimeSpent,
-};
+use super::end::JobEnd;
+use crate::clock::{JobClock, Part, enter};
 use crate::events::Event;
 use crate::history::journal::{Chronicle, Journal, Written};
-use crate::loops::axis_model::MoveFault;
-use crate::plan::PlannedStep;
-use crate::recording::{End, FileSink, Happening, Recording, RecordingState};
+use crate::job::outcome::Outcome;
+use crate::job::steps::PlannedStep;
+use crate::job::steps::{self, JobStep, Repeatable};
+use crate::job::{
+    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage, TimeSpent,
+};
+use crate::job::{Recording, RecordingState};
+use crate::recording::{End, FileSink, Happening};
 use crate::refusal::{Refusal, ServiceError};
-use bench::device::{DeviceError, Setup, SimulatedOperator};
+use bench::device::{Setup, SimulatedOperator};
 use bench::store::records::Picture;
 
 /// How long a job's end waits for its recording's.
 const RECORDING_END_ALLOWED: Duration = Duration::from_secs(1);
 /// Lines of log kept for a job; more would only repeat.
 const MAX_LOG_LINES: usize = 2000;
-
-/// Why a job ends before it has converged.
-#[derive(Debug, Clone, PartialEq)]
-pub(crate) enum JobEnd {
-    /// Cancelled, or stopped.
-    Cancelled {
-        /// By what.
-        why: String,
-    },
-    /// The criterion cannot be met.
-    NotConverged {
-        /// Why.
-        why: String,
-    },
-    /// A frame cannot be measured.
-    Unmeasurable {
-        /// Why, in words.
-        why: String,
-    },
-    /// A frame shows two boards where one was asked for.
-    TwoBoards {
-        /// What it shows, and what to do, in words.
-        why: String,
-        /// The spacings of the two, px.
-        spacings_px: [f64; 2],
-    },
-    /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
-    Repeat(Repeatable),
-    /// The picture has shown that an axis does not stand where it reads.
-    NotFollowed(MoveFault),
-    /// Something failed.
-    Failed {
-        /// What.
-        why: String,
-    },
-}
-
-impl JobEnd {
-    pub(crate) fn failed(why: impl Into<String>) -> Self {
-        Self::Failed { why: why.into() }
-    }
-}
-
-impl From<MoveFault> for JobEnd {
-    fn from(fault: MoveFault) -> Self {
-        Self::NotFollowed(fault)
-    }
-}
-
-impl From<ServiceError> for JobEnd {
-    fn from(error: ServiceError) -> Self {
-        match error {
-            ServiceError::Refused(Refusal::Stopped) | ServiceError::Device(DeviceError::Stopped { .. }) => {
-                Self::Cancelled { why: "stopped".to_owned() }
-            }
-            ServiceError::Refused(error @ (Refusal::ControlEnded { .. } | Refusal::LeaseLost { .. })) => {
-                Self::Cancelled { why: error.to_string() }
-            }
-            error => Self::failed(error.to_string()),
-        }
-    }
-}
-
-impl From<DeviceError> for JobEnd {
-    fn from(error: DeviceError) -> Self {
-        ServiceError::Device(error).into()
-    }
-}
 
 /// One job as the service and its own task share it.
 pub(crate) struct Job {

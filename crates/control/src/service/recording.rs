@@ -1,15 +1,19 @@
-//! What a job begins with: into a recording, and back into a service that is to do the same.
+//! Recordings of the service's jobs: where they are, what a job begins with, and a service that is to do the same.
 
-use super::words;
-use crate::alignment::tasks::AirStep;
+use super::Service;
+use crate::budget::AirStep;
 use crate::budget::{AirPlace, BoardSeen};
 use crate::events::InView;
-use crate::history::journal::word;
 use crate::job::JobSnapshot;
-use crate::job::context::JobEnd;
+use crate::job::Recording;
+use crate::job::word;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
-use crate::service::Service;
+use crate::recording::{Place, file_name, folder, is_wanted, words};
+use crate::running::context::Job;
+use crate::running::end::JobEnd;
+use std::path::PathBuf;
+
 use bench::config::Config;
 use bench::device::{AxisName, Frame};
 use bench::record::messages::{self, JobStart};
@@ -28,6 +32,36 @@ fn configuration(config: &Config) -> String {
 }
 
 impl Service {
+    /// Where a job that has been accepted is recorded; `None` where it is not. `path` is where its caller wants it.
+    pub(super) fn place_of(&self, job: &Job, path: Option<PathBuf>) -> Option<Result<Place, String>> {
+        let snapshot = job.snapshot();
+        if let Some(path) = path {
+            return Some(Ok(Place { name: path.display().to_string(), path }));
+        }
+        if !is_wanted(&self.config, &snapshot.request) {
+            return None;
+        }
+        let name = file_name(snapshot.id, snapshot.kind, snapshot.simulated);
+        let folder = folder(&self.config, self.journal.store().path().map(PathBuf::as_path));
+        Some(match folder {
+            Some(folder) => Ok(Place { path: folder.join(&name), name }),
+            None => Err("there is no folder for recordings: set record.folder".to_owned()),
+        })
+    }
+
+    /// The file of a job's recording in the folder of recordings.
+    ///
+    /// # Errors
+    /// Why there is none, in words.
+    pub fn recording_file(&self, recording: &Recording) -> Result<PathBuf, String> {
+        if recording.file.contains('/') {
+            return Err(format!("it was asked for elsewhere, at {}", recording.file));
+        }
+        folder(&self.config, self.journal.store().path().map(PathBuf::as_path))
+            .map(|folder| folder.join(&recording.file))
+            .ok_or_else(|| "there is no folder for recordings".to_owned())
+    }
+
     /// What a job that has been accepted begins with.
     pub(crate) fn start_of(&self, job: &JobSnapshot) -> JobStart {
         let axis = |axis: AxisName| {

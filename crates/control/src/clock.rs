@@ -9,7 +9,7 @@ use std::time::Duration;
 
 use tokio::time::Instant;
 
-use super::TimeSpent;
+use crate::job::TimeSpent;
 
 /// What a job is at.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -2,10 +2,12 @@
 
 use super::*;
 use crate::events::Event;
+use crate::job::JobState;
 use crate::motion::lease::LeaseRequest;
 use crate::open_bench;
 use bench::config::{Config, ConfigOrigin};
 use bench::device::AxisName;
+use bench::store::Store;
 
 #[tokio::test(start_paused = true)]
 async fn only_the_same_request_that_came_to_its_end_tells_how_long_one_takes() {

@@ -6,7 +6,6 @@ use std::sync::Arc;
 
 use tokio::sync::Mutex;
 
-use super::Service;
 use bench::device::Frame;
 
 /// Frames of which it is kept: who looks at a picture that takes long to make is behind by fewer.
@@ -45,8 +44,12 @@ impl Known {
 }
 
 impl Repeats {
-    /// [`Service::first_alike`], where `repeats` says of two frames whether the second has the picture of the first.
-    async fn first(&self, frame: &Arc<Frame>, repeats: impl FnOnce(&Frame, &Frame) -> bool + Send + 'static) -> u64 {
+    /// [`Eye::first_alike`](super::eye::Eye::first_alike), where `repeats` says of two frames whether the second has the picture of the first.
+    pub(crate) async fn first(
+        &self,
+        frame: &Arc<Frame>,
+        repeats: impl FnOnce(&Frame, &Frame) -> bool + Send + 'static,
+    ) -> u64 {
         let mut known = self.0.lock().await;
         if known.newest.as_ref().is_some_and(|newest| newest.exposed_to < frame.exposed_to && newest.seq >= frame.seq) {
             // The camera counts anew.
@@ -69,15 +72,6 @@ impl Repeats {
         };
         known.keep(frame, first);
         first
-    }
-}
-
-impl Service {
-    /// The first of the frames in a row, up to this one, that have its very picture, by its sequence number: the frame itself
-    /// where it is another picture than the one before, as a sensor never takes the same twice.
-    pub async fn first_alike(&self, frame: &Arc<Frame>) -> u64 {
-        let eye = Arc::clone(&self.eye);
-        self.repeats.first(frame, move |before, frame| eye.repeats(before, frame)).await
     }
 }
 
