@@ -21,8 +21,8 @@ use plenoptics::units::Millimetres;
 const JOG_HOLD: Duration = Duration::from_millis(300);
 
 /// Why a command by hand did not end as commanded.
-pub(crate) struct Failure {
-    pub(crate) why: String,
+pub(super) struct Failure {
+    pub(super) why: String,
     /// Whether a stop was why.
     stopped: bool,
 }
@@ -38,7 +38,7 @@ impl From<ServiceError> for Failure {
 }
 
 /// A jog under way.
-pub(crate) struct Jogging {
+pub(super) struct Jogging {
     admission: Admission,
     towards: Side,
     speed: f64,
@@ -46,12 +46,12 @@ pub(crate) struct Jogging {
 }
 
 impl Service {
-    pub(crate) fn failures(&self) -> MutexGuard<'_, HashMap<AxisName, Failure>> {
+    pub(super) fn failures(&self) -> MutexGuard<'_, HashMap<AxisName, Failure>> {
         self.failures.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     /// That a stop ended a command is no news once the stop has been reset: whoever did so has seen to it.
-    pub(crate) fn forget_stopped(&self) {
+    pub(super) fn forget_stopped(&self) {
         self.failures().retain(|_, failure| !failure.stopped);
     }
 
@@ -90,7 +90,7 @@ impl Service {
     }
 
     /// No job may hold the bench, and the program must not be ending.
-    pub(crate) fn free_for_hand(&self) -> Result<(), ServiceError> {
+    pub(super) fn free_for_hand(&self) -> Result<(), ServiceError> {
         self.open_for_motion()?;
         match self.current() {
             Some(job) => Err(Refusal::Busy { job: job.snapshot().id }.into()),
@@ -290,7 +290,7 @@ impl Service {
 }
 
 /// What a panic comes to, for whoever reads why something ended.
-pub(crate) fn broken(panic: &(dyn std::any::Any + Send)) -> String {
+pub(super) fn broken(panic: &(dyn std::any::Any + Send)) -> String {
     let words = panic.downcast_ref::<String>().map(String::as_str).or_else(|| panic.downcast_ref::<&str>().copied());
     format!("the program failed ({}); the axes were stopped: please report this", words.unwrap_or("it did not say how"))
 }

@@ -24,7 +24,7 @@ pub struct Shown<'a> {
 /// The confirm key of the newest job, of which its hash is kept and nothing else. A bench does one job at a time, and a
 /// job that has ended waits for nothing: its key opens nothing from then on.
 #[derive(Debug, Default)]
-pub(crate) struct ConfirmKeys {
+pub(super) struct ConfirmKeys {
     newest: Mutex<Option<(Uuid, Digest)>>,
 }
 

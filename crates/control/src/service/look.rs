@@ -42,7 +42,7 @@ pub struct Look {
 
 /// The newest frame made ready, and what is kept for the next.
 #[derive(Default)]
-pub(crate) struct Looks {
+pub(super) struct Looks {
     /// What it was begun with, and what it has learnt since.
     live: Option<(Option<Arc<Sight>>, LivePictures)>,
     newest: Option<Newest>,

@@ -40,7 +40,7 @@ impl Service {
     }
 
     /// Reads every frame while somebody reads the meter.
-    pub(crate) async fn watch_meter(&self) {
+    pub(super) async fn watch_meter(&self) {
         self.readings.watch(&self.eye, |reading| self.recent.reading(reading)).await;
     }
 

@@ -61,49 +61,49 @@ const FLUSH_ALLOWED: Duration = Duration::from_secs(1);
 
 /// The bench with its motion rules, the one job, and what happens.
 pub struct Service {
-    pub(super) config: Arc<Config>,
-    pub(super) design_origin: String,
-    pub(super) bench: Bench,
-    pub(super) motion: Arc<Motion>,
-    pub(super) leases: Arc<Leases>,
-    pub(super) eye: Arc<Eye>,
-    pub(super) journal: Arc<Journal>,
+    config: Arc<Config>,
+    design_origin: String,
+    bench: Bench,
+    motion: Arc<Motion>,
+    leases: Arc<Leases>,
+    pub(crate) eye: Arc<Eye>,
+    journal: Arc<Journal>,
     /// One job at a time is being accepted.
-    pub(super) accepting: tokio::sync::Mutex<()>,
+    accepting: tokio::sync::Mutex<()>,
     /// One at a time takes up what an earlier run has left, or resets its stop: whoever comes second finds it done.
-    pub(super) recalling: tokio::sync::Mutex<()>,
+    recalling: tokio::sync::Mutex<()>,
     /// How often the bench had been stopped, or the stop reset, as its latch came to the disk last.
-    pub(super) kept_turns: AtomicU64,
+    kept_turns: AtomicU64,
     /// The lease is not on the disk as it is.
-    pub(super) lease_unkept: Notify,
-    pub(super) events: broadcast::Sender<Event>,
+    lease_unkept: Notify,
+    events: broadcast::Sender<Event>,
     /// One state of the bench at a time is being published.
-    pub(super) publishing: Mutex<()>,
-    pub(super) jobs: Mutex<Vec<Arc<Job>>>,
-    pub(super) measurement: Mutex<Option<MeasurementView>>,
-    pub(super) recent: Recent,
+    publishing: Mutex<()>,
+    jobs: Mutex<Vec<Arc<Job>>>,
+    measurement: Mutex<Option<MeasurementView>>,
+    recent: Recent,
     /// One frame at a time is measured for who asks.
-    pub(super) measuring: tokio::sync::Mutex<()>,
+    measuring: tokio::sync::Mutex<()>,
     /// One frame at a time is made ready for pictures.
-    pub(super) looks: tokio::sync::Mutex<Looks>,
+    looks: tokio::sync::Mutex<Looks>,
     /// Why the last command by hand of an axis did not end as commanded.
-    pub(super) failures: Mutex<HashMap<AxisName, Failure>>,
-    pub(super) jogs: Mutex<HashMap<AxisName, Jogging>>,
-    pub(super) presses: Presses,
-    pub(super) confirm_keys: ConfirmKeys,
-    pub(super) closing: AtomicBool,
+    failures: Mutex<HashMap<AxisName, Failure>>,
+    jogs: Mutex<HashMap<AxisName, Jogging>>,
+    presses: Presses,
+    confirm_keys: ConfirmKeys,
+    closing: AtomicBool,
     /// Asks the service's own watchers for a sign of life; each answers when it comes round.
-    pub(super) pulses: [watch::Sender<u64>; 2],
+    pulses: [watch::Sender<u64>; 2],
     /// Shared with everybody who watches the live picture's whole measurement.
-    pub(super) onlookers: Arc<()>,
-    pub(super) readings: Readings,
+    onlookers: Arc<()>,
+    pub(crate) readings: Readings,
     /// Whether the camera's exposure is searched for.
-    pub(super) searching: AtomicBool,
+    searching: AtomicBool,
     /// When the camera's exposure or gain was set last.
-    pub(super) light_set_at: Mutex<Option<Instant>>,
+    light_set_at: Mutex<Option<Instant>>,
     /// What is to go wrong with a simulated bench, and when.
-    pub(super) fault_plan: Mutex<Option<PlanInForce>>,
-    pub(super) tasks: CancellationToken,
+    fault_plan: Mutex<Option<PlanInForce>>,
+    tasks: CancellationToken,
 }
 
 impl Service {
@@ -268,7 +268,7 @@ impl Service {
         self.measurement.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    pub(super) fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
+    fn all_jobs(&self) -> MutexGuard<'_, Vec<Arc<Job>>> {
         self.jobs.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
@@ -286,12 +286,12 @@ impl Service {
         Ok(self.find(id)?.snapshot())
     }
 
-    pub(super) fn find(&self, id: Uuid) -> Result<Arc<Job>, ServiceError> {
+    fn find(&self, id: Uuid) -> Result<Arc<Job>, ServiceError> {
         let jobs = self.all_jobs();
         jobs.iter().find(|job| job.snapshot().id == id).cloned().ok_or(ServiceError::NoSuchJob { id })
     }
 
-    pub(super) fn current(&self) -> Option<Arc<Job>> {
+    fn current(&self) -> Option<Arc<Job>> {
         self.all_jobs().iter().rev().find(|job| !job.snapshot().state.is_final()).cloned()
     }
 
@@ -343,12 +343,12 @@ impl Service {
         }
     }
 
-    pub(super) async fn write_lease(&self) -> Result<(), StoreError> {
+    async fn write_lease(&self) -> Result<(), StoreError> {
         let leases = Arc::clone(&self.leases);
         self.journal.write_lease(move || leases.keep()).await
     }
 
-    pub(super) fn open_for_motion(&self) -> Result<(), ServiceError> {
+    fn open_for_motion(&self) -> Result<(), ServiceError> {
         if self.closing.load(Ordering::SeqCst) { Err(Refusal::ShuttingDown.into()) } else { Ok(()) }
     }
 

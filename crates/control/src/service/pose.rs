@@ -38,7 +38,7 @@ impl Service {
     ///
     /// # Errors
     /// In words.
-    pub(crate) fn pose_of(&self, frame: &Frame) -> Result<(Pose, PoseView), String> {
+    pub(super) fn pose_of(&self, frame: &Frame) -> Result<(Pose, PoseView), String> {
         let homed = |axis: &str| format!("the {axis} axis's position is not known; home it");
         let focus_mm = frame.focus.position.ok_or_else(|| homed("focus"))?.value();
         let e_mm = match self.motion.shell() {

@@ -22,7 +22,7 @@ struct Press {
 
 /// The newest presses of each axis, the newest last.
 #[derive(Debug, Default)]
-pub(crate) struct Presses {
+pub(super) struct Presses {
     heard: Mutex<HashMap<AxisName, VecDeque<Press>>>,
 }
 
@@ -36,7 +36,7 @@ impl Presses {
     /// # Errors
     /// [`Refusal::PressEnded`] where it was heard of before the newest stop, was let go, or has given way to another;
     /// [`ServiceError::Invalid`] where its name is none, or too long.
-    pub(crate) fn go_on(&self, axis: AxisName, press: Option<&str>, stops: u64) -> Result<(), ServiceError> {
+    pub(super) fn go_on(&self, axis: AxisName, press: Option<&str>, stops: u64) -> Result<(), ServiceError> {
         let Some(name) = press else { return Ok(()) };
         if name.is_empty() || name.chars().count() > MAX_NAME {
             return Err(ServiceError::Invalid {
@@ -60,14 +60,14 @@ impl Presses {
     }
 
     /// A press moves the axis: every other one has given way to it.
-    pub(crate) fn moves(&self, axis: AxisName, press: Option<&str>) {
+    pub(super) fn moves(&self, axis: AxisName, press: Option<&str>) {
         for known in self.heard().get_mut(&axis).into_iter().flatten() {
             known.over |= press != Some(known.name.as_str());
         }
     }
 
     /// The button was let go.
-    pub(crate) fn let_go(&self, axis: AxisName) {
+    pub(super) fn let_go(&self, axis: AxisName) {
         self.moves(axis, None);
     }
 }

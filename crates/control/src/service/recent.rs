@@ -127,20 +127,20 @@ struct Kept {
 
 /// What is kept of the last two minutes.
 #[derive(Default)]
-pub(crate) struct Recent(Mutex<Kept>);
+pub(super) struct Recent(Mutex<Kept>);
 
 impl Recent {
     fn change(&self, change: impl FnOnce(&mut Kept)) {
         change(&mut self.0.lock().unwrap_or_else(PoisonError::into_inner));
     }
 
-    pub(crate) fn bench(&self, bench: &BenchView) {
+    pub(super) fn bench(&self, bench: &BenchView) {
         let of = |name| bench.axes.iter().find(|axis| axis.axis == name).and_then(|axis| axis.position_mm);
         let (focus_mm, e_mm) = (of(AxisName::Focus), of(AxisName::E));
         self.change(|kept| follow(&mut kept.positions, PositionsThen { at: Timestamp::now(), focus_mm, e_mm }));
     }
 
-    pub(crate) fn reading(&self, reading: &Reading) {
+    pub(super) fn reading(&self, reading: &Reading) {
         let Ok(spacing) = &reading.spacing else { return };
         let newest = SpacingThen {
             at: reading.frame.captured_at,
@@ -151,7 +151,7 @@ impl Recent {
         self.change(|kept| follow(&mut kept.spacings, newest));
     }
 
-    pub(crate) fn measurement(&self, measurement: &MeasurementView) {
+    pub(super) fn measurement(&self, measurement: &MeasurementView) {
         let (at, eog) = (measurement.captured_at, measurement.eog);
         let spacing = SpacingThen {
             at,

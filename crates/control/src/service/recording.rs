@@ -63,7 +63,7 @@ impl Service {
     }
 
     /// What a job that has been accepted begins with.
-    pub(crate) fn start_of(&self, job: &JobSnapshot) -> JobStart {
+    pub(super) fn start_of(&self, job: &JobSnapshot) -> JobStart {
         let axis = |axis: AxisName| {
             let stage = self.bench.stage(axis);
             Some(messages::AxisState {

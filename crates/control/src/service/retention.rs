@@ -18,7 +18,7 @@ const YOUNG: SignedDuration = SignedDuration::from_hours(24);
 
 impl Service {
     /// Deletes what is not to be kept any longer, now and once an hour; ends at once where everything is kept.
-    pub(crate) async fn watch_retention(&self) {
+    pub(super) async fn watch_retention(&self) {
         if !self.config.history.deletes() {
             return;
         }

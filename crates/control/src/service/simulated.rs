@@ -12,7 +12,7 @@ use bench::device::faults::{FaultPlan, Faults};
 use bench::store::{Hindrance, Store};
 
 /// A plan in force.
-pub(crate) struct PlanInForce {
+pub(super) struct PlanInForce {
     plan: Arc<FaultPlan>,
     began: Instant,
     /// Ends it with this.

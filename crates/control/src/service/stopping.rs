@@ -12,7 +12,7 @@ use crate::field::words;
 use crate::{Refusal, ServiceError, StopReport};
 
 /// Longest that whoever stops, or gives control up, waits for the disk.
-pub(crate) const KEEP_ALLOWED: Duration = Duration::from_secs(1);
+pub(super) const KEEP_ALLOWED: Duration = Duration::from_secs(1);
 
 impl Service {
     /// Stops both axes at once, in every state, and latches. A job under way ends as cancelled. `by` is who stops; the
@@ -56,7 +56,7 @@ impl Service {
     }
 
     /// Has the history keep the latch as it is when its turn comes. Returns whether it is on the disk.
-    pub(crate) async fn keep_stop(&self) -> bool {
+    pub(super) async fn keep_stop(&self) -> bool {
         if self.motion.is_stop_unread() {
             return false;
         }
@@ -75,13 +75,13 @@ impl Service {
     }
 
     /// Whether the latch as it is has yet to come to the disk.
-    pub(crate) fn is_stop_unkept(&self) -> bool {
+    pub(super) fn is_stop_unkept(&self) -> bool {
         self.kept_turns.load(Ordering::SeqCst) < self.motion.turns()
     }
 
     /// Takes up the stop of an earlier run, where that has not been done. What cannot be read stays unknown, which
     /// counts as latched. The caller has `recalling` locked.
-    pub(crate) async fn recall_stop(&self) {
+    pub(super) async fn recall_stop(&self) {
         if !self.motion.is_stop_unread() {
             return;
         }

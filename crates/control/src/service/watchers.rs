@@ -29,7 +29,7 @@ const LIVE_SHARE: u32 = 3;
 
 impl Service {
     /// Starts the watchers; they end with the service.
-    pub(crate) fn watch(self: &Arc<Self>) {
+    pub(super) fn watch(self: &Arc<Self>) {
         let (watched, measured, leased) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
         let (kept, held, pruned) = (Arc::clone(self), Arc::clone(self), Arc::clone(self));
         let read = Arc::clone(self);
@@ -51,7 +51,7 @@ impl Service {
 
     /// Makes sure that the history can be written; in a file that does not know this run yet, it does so from here on.
     /// The stop of an earlier run is taken up before this returns to the first, and to whoever came with it.
-    pub(crate) async fn history_ready(&self) -> Result<(), ServiceError> {
+    pub(super) async fn history_ready(&self) -> Result<(), ServiceError> {
         let _one = self.recalling.lock().await;
         let jobs = || self.all_jobs().iter().map(|job| job.chronicle()).collect();
         let begun = self.journal.ready(jobs).await?;
@@ -166,7 +166,7 @@ impl Service {
     }
 
     /// Publishes the bench's state as it is. One at a time: a state that was seen first is not told last.
-    pub(crate) fn publish_bench(&self) {
+    pub(super) fn publish_bench(&self) {
         let _one = self.publishing.lock().unwrap_or_else(PoisonError::into_inner);
         let bench = self.bench_view();
         self.recent.bench(&bench);
@@ -174,7 +174,7 @@ impl Service {
         let _ = self.events.send(Event::Bench { bench: Box::new(bench) });
     }
 
-    pub(crate) fn publish_measurement(&self, measurement: MeasurementView) {
+    pub(super) fn publish_measurement(&self, measurement: MeasurementView) {
         self.recent.measurement(&measurement);
         *self.measurement.lock().unwrap_or_else(PoisonError::into_inner) = Some(measurement.clone());
         let _ = self.events.send(Event::Measurement { measurement: Box::new(measurement) });

@@ -202,7 +202,7 @@ async fn a_doubt_is_ended_by_a_whole_measurement_though_nobody_but_a_reader_look
     assert!(!each.recv().await.unwrap().doubted);
     // Boards side by side, which the program is not told of.
     let setup = Setup::AirTripleBoard { distances_mm: [167.2, 200.0, 200.0] };
-    service.bench.simulated.as_ref().unwrap().obey(&setup);
+    service.eye.bench().simulated.as_ref().unwrap().obey(&setup);
     let reading = loop {
         let reading = each.recv().await.unwrap();
         if reading.doubted {
