@@ -52,6 +52,29 @@ async fn a_camera_that_is_gone_or_hangs_is_named() {
     failed_naming(&aligned_with(|faults| faults.camera.frozen = true).await, &["same to the last pixel"]);
 }
 
+/// What hangs while the diffuser is put on would be taken for the white frame.
+#[tokio::test(start_paused = true)]
+async fn a_white_frame_is_asked_for_again_where_the_camera_gave_an_old_picture() {
+    let service = service(small_config(9)).await;
+    let bench = service.bench().clone();
+    // Somebody looks, so that there is a picture of before.
+    let mut readings = service.bench().camera.live();
+    readings.changed().await.unwrap();
+    let freeze = move |frozen| {
+        let mut faults = Faults::default();
+        faults.camera.frozen = frozen;
+        bench.simulated.as_ref().unwrap().set_faults(faults);
+    };
+    let thaw = freeze.clone();
+    let frozen = at_step("Put the diffuser", &service, move || freeze(true));
+    let thawed = at_step("The camera gave an old picture again", &service, move || thaw(false));
+    let job = align(&service).await;
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    frozen.await.unwrap();
+    thawed.await.unwrap();
+    assert_eq!(job.steps.iter().filter(|step| step.name == "white_frame").count(), 2);
+}
+
 #[tokio::test(start_paused = true)]
 async fn a_stage_that_does_not_do_as_it_is_told_is_named() {
     failed_naming(&aligned_with(|faults| faults.serial.unplugged = true).await, &["controller"]);

@@ -24,17 +24,24 @@ fn gaps(job: &JobSnapshot) -> usize {
     job.log.iter().filter(|line| line.message.contains("nothing measured after")).count()
 }
 
-/// Has the camera's light go out while this holds of a watch.
-fn darken(service: &Arc<Service>, dark: impl Fn(&JobSnapshot) -> bool + Send + 'static) {
+/// Has something go wrong with the camera as a watch goes on.
+fn fail(service: &Arc<Service>, change: impl Fn(&JobSnapshot, &mut Faults) + Send + 'static) {
     let (mut events, service) = (service.subscribe(), Arc::clone(service));
     tokio::spawn(async move {
         while let Ok(event) = events.recv().await {
             let Event::Job { job } = event else { continue };
             let mut faults = Faults::default();
-            if dark(&job) {
-                faults.camera.picture = PictureFault::Dark;
-            }
+            change(&job, &mut faults);
             service.bench().simulated.as_ref().unwrap().set_faults(faults);
+        }
+    });
+}
+
+/// Has the camera's light go out while this holds of a watch.
+fn darken(service: &Arc<Service>, dark: impl Fn(&JobSnapshot) -> bool + Send + 'static) {
+    fail(service, move |job, faults| {
+        if dark(job) {
+            faults.camera.picture = PictureFault::Dark;
         }
     });
 }
@@ -61,6 +68,18 @@ async fn a_watch_goes_on_where_a_frame_cannot_be_measured_and_is_replayed_so() {
     }
     let replayed = replay(&file).await.unwrap();
     assert!(replayed.identical, "{:?} {:?}", replayed.differences, replayed.replayed_end);
+}
+
+#[tokio::test(start_paused = true)]
+async fn a_watch_goes_on_where_the_camera_gives_an_old_picture_again() {
+    let service = service(small_config(9)).await;
+    fail(&service, |job, faults| faults.camera.frozen = job.iterations.len() == 2 && gaps(job) < 1);
+    let id = service.create_job(&permit(&service), watch(6.0 * INTERVAL_S)).await.unwrap().id;
+    until("the watch ends", async || service.job(id).unwrap().state.is_final()).await;
+    let watched = service.job(id).unwrap();
+    assert_eq!(watched.state, JobState::Succeeded, "{:?}\n{:#?}", watched.reason, watched.log);
+    assert!(gaps(&watched) == 1 && watched.iterations.len() > 3, "{:#?}", watched.log);
+    assert!(watched.log.iter().any(|line| line.message.contains("old picture")), "{:#?}", watched.log);
 }
 
 #[tokio::test(start_paused = true)]

@@ -38,6 +38,10 @@ use plenoptics::units::Millimetres;
 const FOLLOWED_IN_AIR: f64 = 10.0;
 /// Frames combined in a verifying measurement.
 pub(super) const VERIFY_FRAMES: u32 = 2;
+/// Times that a white frame is asked for, one after another, while what is taken cannot be one.
+const WHITE_TRIES: u32 = 3;
+/// What is said before it is asked for once more.
+const OLD_WHITE: &str = "The camera gave an old picture again as if it were new: unplug it and plug it in again. ";
 /// Measurements of a loop before it is cut off, whatever its decisions.
 pub(super) const MAX_MEASUREMENTS: u32 = 60;
 
@@ -309,13 +313,23 @@ impl Alignment<'_> {
 
     /// `why`: a sentence before what the operator is asked to do; empty where it explains itself.
     async fn white_frame_asked_for(&mut self, why: &str) -> Result<(), JobEnd> {
-        let instruction = format!(
-            "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
-        );
-        self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
-        self.motion.set_shell(ShellState::Off);
-        self.context.doing("white frame");
-        let found = self.context.unless_cancelled(self.eye.take_white()).await?;
+        let mut why = why.to_owned();
+        let mut tries = WHITE_TRIES;
+        let found = loop {
+            let instruction = format!(
+                "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
+            );
+            self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
+            self.motion.set_shell(ShellState::Off);
+            self.context.doing("white frame");
+            tries -= 1;
+            match self.context.unless_cancelled(self.eye.take_white()).await {
+                // It may have hung since long before, and be of anything.
+                Err(JobEnd::OldPicture) if tries > 0 => OLD_WHITE.clone_into(&mut why),
+                Err(JobEnd::Unmeasurable { why: unfit }) if tries > 0 => why = format!("{unfit}. "),
+                found => break found?,
+            }
+        };
         self.context.log(found);
         let set = self.context.unless_cancelled(async { Ok::<_, JobEnd>(self.eye.camera_set().await) }).await?;
         if let Some(set) = set {

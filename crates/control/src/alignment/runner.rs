@@ -11,7 +11,7 @@ use super::{Alignment, Findings};
 use crate::clock::{Part, enter};
 use crate::job::word;
 use crate::job::{JobKind, JobState};
-use crate::measuring::eye::Eye;
+use crate::measuring::eye::{Eye, OLD_PICTURE};
 use crate::motion::{Admission, Motion};
 use crate::running::context::JobContext;
 use crate::running::end::JobEnd;
@@ -53,7 +53,11 @@ pub(crate) async fn run(
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
         Err(
-            JobEnd::Failed { .. } | JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. } | JobEnd::NotFollowed(_),
+            JobEnd::Failed { .. }
+            | JobEnd::Unmeasurable { .. }
+            | JobEnd::OldPicture
+            | JobEnd::TwoBoards { .. }
+            | JobEnd::NotFollowed(_),
         ) if motion.stop_view().latched => {
             (JobState::Cancelled, context.cancelled_why().unwrap_or_else(|| "stopped".to_owned()))
         }
@@ -64,6 +68,7 @@ pub(crate) async fn run(
         Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why } | JobEnd::TwoBoards { why, .. }) => {
             (JobState::Failed, why)
         }
+        Err(JobEnd::OldPicture) => (JobState::Failed, OLD_PICTURE.to_owned()),
         Err(JobEnd::NotFollowed(fault)) => {
             astray = fault.is_astray().then(|| fault.axis());
             (JobState::Failed, fault.to_string())

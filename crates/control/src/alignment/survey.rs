@@ -13,6 +13,7 @@ use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::swept_way::{Shows, SweptWay};
 use crate::loops::through_focus;
 use crate::loops::through_focus::Point;
+use crate::measuring::eye::OLD_PICTURE;
 use crate::measuring::eye::Seen;
 use crate::plan::AirBoards;
 use crate::running::end::JobEnd;
@@ -165,6 +166,7 @@ impl Alignment<'_> {
                 Ok(seen) => Ok(seen),
                 // Somebody steps between, or the light goes out: hours of a watch are not lost by it.
                 Err(JobEnd::Unmeasurable { why }) => Err(why),
+                Err(JobEnd::OldPicture) => Err(OLD_PICTURE.to_owned()),
                 Err(end) => return Err(end),
             };
             let taken = match &seen {

@@ -45,6 +45,16 @@ const LEAST_NOISY: f64 = 0.01;
 pub(crate) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
                                       as if it were new; unplug it and plug it in again";
 
+/// A frame has the very picture of one before it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct OldPicture;
+
+impl From<OldPicture> for DeviceError {
+    fn from(_: OldPicture) -> Self {
+        Self::Protocol { device: "the camera".to_owned(), detail: OLD_PICTURE.to_owned() }
+    }
+}
+
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]
 pub(crate) struct Seen {
@@ -389,8 +399,9 @@ impl Eye {
         }
     }
 
-    /// A frame exposed wholly while both axes stood settled.
+    /// A frame exposed wholly while both axes stood settled, with another picture than those before it.
     async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
+        let mut ended = JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis"));
         for _ in 0..FRAME_TRIES {
             let _settling = enter(Part::Settling);
             let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
@@ -407,6 +418,7 @@ impl Eye {
                     "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
                 )));
             };
+            let before = self.bench.camera.newest();
             let frame = match self.frame_from(from).await {
                 Ok(frame) => frame,
                 Err(error) => {
@@ -417,11 +429,13 @@ impl Eye {
             if frame.is_settled() {
                 self.journal.happened(|| Happening::Frame(Arc::clone(&frame)));
                 self.check_size(&frame)?;
-                self.check_new(None, &frame)?;
-                return Ok(frame);
+                if self.check_new(before.as_deref(), &frame).is_ok() {
+                    return Ok(frame);
+                }
+                ended = JobEnd::OldPicture;
             }
         }
-        Err(JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis")))
+        Err(ended)
     }
 
     /// The camera's first frame from a moment on: until then what is waited for is that the axes settle.
@@ -449,12 +463,12 @@ impl Eye {
 
     /// Whether a frame is a new picture, and not the one looked at last nor `before`: noise makes no two the same to the
     /// last pixel, unless the driver gives an old one again.
-    pub(crate) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), DeviceError> {
+    pub(crate) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), OldPicture> {
         let looked_at = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
         if ![looked_at.as_deref(), before].into_iter().flatten().any(|old| self.repeats(old, frame)) {
             return Ok(());
         }
-        Err(DeviceError::Protocol { device: "the camera".to_owned(), detail: OLD_PICTURE.to_owned() })
+        Err(OldPicture)
     }
 
     /// The frame that was looked at last.

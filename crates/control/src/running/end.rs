@@ -24,6 +24,8 @@ pub(crate) enum JobEnd {
         /// Why, in words.
         why: String,
     },
+    /// The camera gives an old picture again.
+    OldPicture,
     /// A frame shows two boards where one was asked for.
     TwoBoards {
         /// What it shows, and what to do, in words.

@@ -34,7 +34,7 @@ impl Service {
             .into());
         }
         self.eye.check_size(&frame)?;
-        self.eye.check_new(before.as_deref(), &frame)?;
+        self.eye.check_new(before.as_deref(), &frame).map_err(DeviceError::from)?;
         Ok(frame)
     }
 }

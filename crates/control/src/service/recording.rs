@@ -9,6 +9,7 @@ use crate::job::Recording;
 use crate::job::word;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
+use crate::measuring::eye::OLD_PICTURE;
 use crate::recording::{Place, file_name, folder, is_wanted, words};
 use crate::running::context::Job;
 use crate::running::end::JobEnd;
@@ -155,6 +156,7 @@ impl Service {
                 | JobEnd::Unmeasurable { why }
                 | JobEnd::Cancelled { why }
                 | JobEnd::NotConverged { why } => why,
+                JobEnd::OldPicture => OLD_PICTURE.to_owned(),
                 JobEnd::NotFollowed(fault) => fault.to_string(),
                 JobEnd::Repeat(_) => "a step was asked for again where none was asked".to_owned(),
             })?;
