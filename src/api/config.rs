@@ -85,6 +85,8 @@ pub(super) struct ConfigView {
     pub(super) config: Value,
     /// What the file holds now, likewise: the base of a change. Absent where there is no file that can be read.
     pub(super) stored: Option<Value>,
+    /// Why the file cannot be read now, in words; absent where it can, or there is none.
+    pub(super) fault: Option<String>,
     /// Keys of the file that take effect when the daemon starts again.
     pub(super) restart_required: Vec<String>,
     /// Keys, with all below them, that are changed only on the machine itself.
@@ -147,7 +149,9 @@ pub(super) struct ConfigWritten {
 )]
 pub(super) async fn get(State(app): State<App>) -> Result<Response> {
     let file = app.config.clone();
-    let stored = blocking(move || file.read()).await?.ok();
+    let stored = blocking(move || file.read()).await?;
+    let fault = stored.as_ref().err().filter(|_| app.origin.file().is_some()).map(|problem| problem.detail.clone());
+    let stored = stored.ok();
     let redacted = |config: &Config| {
         config.redacted().map_err(|error| {
             tracing::error!(%error, "the configuration cannot be written as JSON");
@@ -160,6 +164,7 @@ pub(super) async fn get(State(app): State<App>) -> Result<Response> {
         file: app.origin.file().map(|path| path.display().to_string()),
         config: redacted(in_force)?,
         stored: stored.as_ref().map(|stored| redacted(&stored.config)).transpose()?,
+        fault,
         restart_required: stored.as_ref().map(|stored| app.config.pending(&stored.config)).unwrap_or_default(),
         locked: LOCKED.map(str::to_owned).to_vec(),
     };

@@ -254,19 +254,25 @@ try {
   await page.locator("#key-shell\\.outer_radius_mm").fill("1,234.5");
   await page.locator(".config-key .fault", { hasText: "It is no number" }).waitFor();
   await page.locator("#key-shell\\.outer_radius_mm").fill("10");
-  writeFileSync(
-    place.file,
-    readFileSync(place.file, "utf8").replace("inner_radius_mm = 51", "inner_radius_mm = 50"),
-  );
+  const change = (from, to) => writeFileSync(place.file, readFileSync(place.file, "utf8").replace(from, to));
+  change("inner_radius_mm = 51", "inner_radius_mm = 50");
   await holds(page.locator("#key-shell\\.inner_radius_mm"), "50");
   await holds(page.locator("#key-shell\\.outer_radius_mm"), "10");
+  await page.locator("#key-shell\\.outer_radius_mm").fill("71");
+  change("outer_radius_mm = 70", "outer_radius_mm = 72");
+  await page.locator(".apply .notice.wrong", { hasText: "shell.outer_radius_mm = 72" }).waitFor();
+  await holds(page.locator("#key-shell\\.outer_radius_mm"), "71");
+  change("outer_radius_mm = 72", "outer_radius_mm = ");
+  await page.locator(".configuration > .notice.wrong", { hasText: "cannot be used" }).waitFor();
+  await holds(page.locator("#key-shell\\.outer_radius_mm"), "71");
+  await photograph(page, "settings-broken-file");
+  change("outer_radius_mm = ", "outer_radius_mm = 70");
+  await page.locator(".configuration > .notice.wrong").waitFor({ state: "detached" });
+  await holds(page.locator("#key-shell\\.outer_radius_mm"), "71");
   await page.getByRole("button", { name: "Undo changes" }).click();
   await open(page, "Design");
   await holds(page.getByLabel("Inner radius"), "50");
-  writeFileSync(
-    place.file,
-    readFileSync(place.file, "utf8").replace("inner_radius_mm = 50", "inner_radius_mm = 51"),
-  );
+  change("inner_radius_mm = 50", "inner_radius_mm = 51");
   await holds(page.getByLabel("Inner radius"), "51");
 
   step(

@@ -1,6 +1,16 @@
 import { describe, expect, it } from "vitest";
 import type { JsonObject } from "../src/design/config-schema";
-import { awaited, count, difference, isChanged, laidOver, rebased, spelt, typed } from "../src/design/draft";
+import {
+  awaited,
+  count,
+  difference,
+  isChanged,
+  laidOver,
+  overtaken,
+  rebased,
+  spelt,
+  typed,
+} from "../src/design/draft";
 import { Newest } from "../src/daemon/newest";
 import { barLength, boxOf, fitted, hemisphere, trainOf } from "../src/design/optical-train";
 import { waterBy, waterSaid } from "../src/design/water";
@@ -57,13 +67,14 @@ describe("a draft", () => {
     };
     const file = {
       stored,
+      fault: null,
       etag: '"1"',
       waiting: ["shell.outer_radius_mm", "water.temperature_c", "bench.e"],
     };
     // The inner radius differs for another reason: the command line has set it.
     const shell = { outer_radius_mm: 70, inner_radius_mm: 51 };
     expect(awaited(base, file)).toEqual({ ...base, shell, water: { temperature_c: 20 } });
-    expect(awaited(base, { stored: null, etag: null, waiting: [] })).toBe(base);
+    expect(awaited(base, { stored: null, fault: "mend it", etag: null, waiting: [] })).toBe(base);
     expect(awaited(base, null)).toBe(base);
   });
 
@@ -73,6 +84,16 @@ describe("a draft", () => {
     expect(rebased(base, base, now)).toEqual(now);
     const draft = { ...base, mla: { mode: "galilean", pitch_mm: 0.12 } };
     expect(rebased(draft, base, now)).toEqual({ ...now, mla: draft.mla });
+  });
+
+  it("knows what has been changed elsewhere meanwhile", () => {
+    const pitch = (mm: number) => ({ ...base, mla: { mode: "galilean", pitch_mm: mm } });
+    const paths = ["mla.pitch_mm", "mla.mode", "shell.outer_radius_mm"];
+    expect(overtaken(pitch(0.12), pitch(0.1), pitch(0.11), paths)).toEqual(["mla.pitch_mm"]);
+    // To the same value, elsewhere only, and here only.
+    expect(overtaken(pitch(0.12), pitch(0.1), pitch(0.12), paths)).toEqual([]);
+    expect(overtaken(pitch(0.1), pitch(0.1), pitch(0.11), paths)).toEqual([]);
+    expect(overtaken(pitch(0.12), pitch(0.1), pitch(0.1), paths)).toEqual([]);
   });
 
   it("undoes nothing that another has changed beside it, however deep", () => {

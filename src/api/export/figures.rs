@@ -72,8 +72,10 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
         rows.insert(0, ("verdict", budget.conclusion.clone()));
     }
     if let Some([x, y]) = report.tilt_px {
-        let angle =
-            report.tilt_deg.map_or_else(String::new, |[x, y]| format!(" ({x:+.3}°, {y:+.3}° if it is the MLA's)"));
+        let sigma = report.tilt_sigma_deg.map_or_else(String::new, |sigma| format!(" ± {sigma:.3}°"));
+        let angle = report
+            .tilt_deg
+            .map_or_else(String::new, |[x, y]| format!(" ({x:+.3}°, {y:+.3}°{sigma} if it is the MLA's)"));
         rows.push(("tilt x, y", format!("{x:+.4}, {y:+.4} px per half width{angle}")));
     }
     if let (Some(before), Some(after)) = (report.eog_before, report.eog_after) {

@@ -93,6 +93,8 @@ export interface ConfigFile {
   /** Null where there is none, or none that can be read. */
   stored: JsonObject | null;
   etag: string | null;
+  /** Why it cannot be read, in the daemon's words. */
+  fault: string | null;
   /** Keys that take effect when the daemon starts again. */
   waiting: string[];
 }
@@ -136,6 +138,14 @@ function carriedOver(draft: JsonObject, from: JsonObject, to: JsonObject): JsonO
     } else next.set(key, mine);
   }
   return Object.fromEntries(next);
+}
+
+/** Those of the paths that a draft changes and somebody else has changed meanwhile, to another value. */
+export function overtaken(draft: JsonObject, from: JsonObject, to: JsonObject, paths: string[]): string[] {
+  return paths.filter((path) => {
+    const [mine, before, now] = [draft, from, to].map((config) => valueAt(config, path));
+    return !same(mine, before) && !same(now, before) && !same(mine, now);
+  });
 }
 
 /** How many keys a draft changes. */

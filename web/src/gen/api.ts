@@ -3252,6 +3252,8 @@ export interface components {
     ConfigView: {
       /** @description The configuration in force: every key of the file with its value, defaults filled in, secrets redacted. */
       config: unknown;
+      /** @description Why the file cannot be read now, in words; absent where it can, or there is none. */
+      fault?: string | null;
       /** @description The file read, if any. */
       file?: string | null;
       /** @description Keys, with all below them, that are changed only on the machine itself. */
@@ -5330,6 +5332,11 @@ export interface components {
       tilt_deg?: number[] | null;
       /** @description Tilt along x and y at the end, px per half frame width; `null` over a board of several levels. */
       tilt_px?: number[] | null;
+      /**
+       * Format: double
+       * @description The standard uncertainty of either angle, degrees.
+       */
+      tilt_sigma_deg?: number | null;
       time_spent?: components["schemas"]["TimeSpent"] | null;
       /** @description The simulated truth, on a simulated bench. */
       truth?: Record<string, never> | null;

@@ -306,6 +306,8 @@ class ConfigView(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     config: Any
     """The configuration in force: every key of the file with its value, defaults filled in, secrets redacted."""
+    fault: str | None = None
+    """Why the file cannot be read now, in words; absent where it can, or there is none."""
     file: str | None = None
     """The file read, if any."""
     locked: list[str]
@@ -1877,6 +1879,8 @@ class Report(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """The same as an angle between lens and MLA if nothing else were tilted, degrees."""
     tilt_px: list[float] | None = None
     """Tilt along x and y at the end, px per half frame width; `null` over a board of several levels."""
+    tilt_sigma_deg: float | None = None
+    """The standard uncertainty of either angle, degrees."""
     time_spent: TimeSpent | None = None
     """Where the time went; `null` in a report of a version that did not tell."""
     truth: dict[str, Any] | None = None

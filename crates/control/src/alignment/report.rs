@@ -189,6 +189,9 @@ pub(crate) fn report(
         depth_of_field: depth.map(|depth| Interval { low_mm: Some(depth.near), high_mm: depth.far }),
         e_tolerance: e_tolerance.map(|e| Interval { low_mm: e.low, high_mm: e.high }),
         tilt_px,
+        tilt_sigma_deg: of_one_board
+            .zip(slope)
+            .map(|(seen, slope)| tilt_deg(seen.tilt_sigma_px, slope, half_width_mm).abs()),
         tilt_deg: tilt_px.zip(slope).map(|(tilt, slope)| tilt.map(|t| tilt_deg(t, slope, half_width_mm))),
         eog_before: findings.eog_before,
         eog_after: findings.eog_after.filter(|_| seen.is_some()),

@@ -433,6 +433,9 @@ pub struct Report {
     pub tilt_px: Option<[f64; 2]>,
     /// The same as an angle between lens and MLA if nothing else were tilted, degrees.
     pub tilt_deg: Option<[f64; 2]>,
+    /// The standard uncertainty of either angle, degrees.
+    #[serde(default)]
+    pub tilt_sigma_deg: Option<f64>,
     /// Energy of gradient of the central view before the first move with the shell, mean per pixel.
     pub eog_before: Option<f64>,
     /// The same at the end.

@@ -28,6 +28,7 @@ export const settings: typeof en.settings = {
   configFile: (file) => `Datei: ${file}`,
   configNone: "Der Dienst wurde ohne Konfigurationsdatei gestartet: Hier lässt sich nichts ändern.",
   configAdmin: "Nur mit Administratorrechten änderbar.",
+  overtaken: (keys) => `Inzwischen anderswo geändert: ${keys}. Beim Übernehmen ersetzt das, was hier steht.`,
   restart: (keys) => `Gilt erst nach dem nächsten Start des Dienstes: ${keys}`,
   apply: "Übernehmen",
   revert: "Änderungen verwerfen",

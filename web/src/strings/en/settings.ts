@@ -31,6 +31,8 @@ export const settings = {
   configFile: (file: string) => `File: ${file}`,
   configNone: "The daemon was started without a configuration file: there is nothing to be changed here.",
   configAdmin: "Only an administrator can change it.",
+  overtaken: (keys: string) =>
+    `Changed elsewhere meanwhile: ${keys}. What is typed here replaces that when it is applied.`,
   restart: (keys: string) => `Waiting for the daemon's next start: ${keys}`,
   apply: "Apply",
   revert: "Undo changes",

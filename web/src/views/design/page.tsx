@@ -47,8 +47,9 @@ export function DesignPage(given: Given) {
   const read = async () => {
     const result = await api.config();
     if (!result.ok || stateNow().session === "stranger") return;
-    const { stored, restart_required: waiting } = result.value;
-    const read = { stored: (stored ?? null) as JsonObject | null, etag: result.etag ?? null, waiting };
+    const { stored, restart_required: waiting, fault = null } = result.value;
+    const etag = result.etag ?? null;
+    const read = { stored: (stored ?? null) as JsonObject | null, etag, fault, waiting };
     if (JSON.stringify(read) !== JSON.stringify(stateNow().configFile)) setFile(read);
   };
   useAgain(connected, read);

@@ -38,7 +38,7 @@ export function Save({ state, act, file, read, changes, wrong, working, obstacle
     : state.link !== "open"
       ? words.blocked.link
       : file?.stored === null
-        ? words.blocked.file
+        ? (file.fault ?? words.blocked.file)
         : nothing
           ? words.blocked.nothing
           : wrong

@@ -73,7 +73,8 @@ export function figures(report: Report, unit: LengthUnit): [string, string, "en"
   ];
   const [x, y] = report.tilt_deg ?? [];
   if (typeof x === "number" && typeof y === "number") {
-    rows.push([words.tilt, words.tiltOf(signedAngle(x, 3), signedAngle(y, 3))]);
+    const sigma = typeof report.tilt_sigma_deg === "number" ? angle(report.tilt_sigma_deg, 3) : null;
+    rows.push([words.tilt, words.tiltOf(signedAngle(x, 3), signedAngle(y, 3), sigma)]);
   }
   if (typeof report.eog_before === "number" && typeof report.eog_after === "number") {
     rows.push([words.eog, words.change(fixed(report.eog_before, 1), fixed(report.eog_after, 1))]);

@@ -11,7 +11,7 @@ import {
   type JsonObject,
   type Table,
 } from "../../design/config-schema";
-import { rebased } from "../../design/draft";
+import { overtaken, rebased } from "../../design/draft";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { ConfigCheck, ConfigView, ConfigWritten } from "../../daemon/wire";
@@ -31,17 +31,30 @@ export function Configuration({ state, act, load: ask }: Given) {
   const [draft, setDraft] = useState<JsonObject | null>(null);
   const [check, setCheck] = useState<ConfigCheck | null>(null);
   const [written, setWritten] = useState<ConfigWritten | null>(null);
+  /** Keys that are being changed here and have been changed elsewhere since. */
+  const [lost, setLost] = useState<string[]>([]);
   const [find, setFind] = useState("");
   const stored = (view?.stored ?? null) as JsonObject | null;
 
-  const take = (view: ConfigView, etag: string | null) => {
-    setView(view);
+  const take = (read: ConfigView, etag: string | null) => {
+    // A file that cannot be read now is shown as it was.
+    const now = (read.stored ?? stored) as JsonObject | null;
+    setView({ ...read, stored: now });
     setEtag(etag);
-    const now = (view.stored ?? null) as JsonObject | null;
     // What is being edited stays so, whoever starts the daemon again or writes the file.
     setDraft((before) => now && rebased(before, stored, now));
+    if (draft && stored && now) {
+      const also = overtaken(
+        draft,
+        stored,
+        now,
+        keys.map((key) => key.path),
+      );
+      setLost((before) => [...new Set([...before, ...also])]);
+    }
     setCheck(null);
   };
+  const keys = table ? keysOf(table) : [];
   const load = () =>
     ask(
       api.config().then((result) => {
@@ -55,10 +68,12 @@ export function Configuration({ state, act, load: ask }: Given) {
   }, [state.bootId]);
   useAgain(state.link === "open" && view !== null, async () => {
     const result = await api.config();
-    if (result.ok && result.etag !== etag) take(result.value, result.etag ?? null);
+    if (!result.ok || (result.etag ?? null) === etag) return;
+    take(result.value, result.etag ?? null);
+    // It may hold no more.
+    setWritten(null);
   });
 
-  const keys = table ? keysOf(table) : [];
   const changed = keys.filter(
     (key) => draft && !same(valueAt(draft, key.path), valueAt(stored ?? {}, key.path)),
   );
@@ -82,12 +97,15 @@ export function Configuration({ state, act, load: ask }: Given) {
   }, [draft]);
 
   if (!view || !table) return null;
-  const barred = changed.length === 0 || !check?.valid || state.link !== "open";
+  const barred = changed.length === 0 || !check?.valid || etag === null || state.link !== "open";
   const apply = async () => {
-    if (barred || draft === null || etag === null) return;
+    if (barred || draft === null) return;
     const ok = await act(
       api.writeConfig(draft, etag).then((result) => {
-        if (result.ok) setWritten(result.value);
+        if (result.ok) {
+          setWritten(result.value);
+          setLost([]);
+        }
         return result;
       }),
     );
@@ -105,6 +123,7 @@ export function Configuration({ state, act, load: ask }: Given) {
     },
     find: find.trim().toLowerCase(),
   };
+  const replaced = lost.filter((path) => changed.some((key) => key.path === path));
   const strays = check?.problems.filter((fault) => !keys.some((key) => isBelow(fault.key, [key.path]))) ?? [];
   return (
     <section class="card configuration" aria-label={strings.settings.config}>
@@ -115,6 +134,11 @@ export function Configuration({ state, act, load: ask }: Given) {
           : strings.settings.configNone}
         {!admin && ` ${strings.settings.configAdmin}`}
       </p>
+      {view.fault && (
+        <p class="notice wrong" role="alert" lang="en">
+          {view.fault}
+        </p>
+      )}
       {view.restart_required.length > 0 && (
         <p class="notice">{strings.settings.restart(view.restart_required.join(", "))}</p>
       )}
@@ -139,6 +163,13 @@ export function Configuration({ state, act, load: ask }: Given) {
               <b>{fault.key}</b> <span lang="en">{fault.message}</span>
             </p>
           ))}
+          {replaced.length > 0 && (
+            <p class="notice wrong" role="alert">
+              {strings.settings.overtaken(
+                replaced.map((path) => `${path} = ${JSON.stringify(valueAt(stored ?? {}, path))}`).join(", "),
+              )}
+            </p>
+          )}
           {check?.notices.map((notice) => (
             <p class="notice" lang="en" key={notice}>
               {notice}
