@@ -330,7 +330,11 @@ try {
 
   step("while nobody has said whether the shell is on, there is no target to be on");
   const shell = page.locator(".shell");
+  // A question that another choice has overtaken is gone.
+  await shell.getByRole("button", { name: "off", exact: true }).click();
+  await shell.getByRole("button", { name: "It is off" }).waitFor();
   await shell.getByRole("button", { name: "unknown", exact: true }).click();
+  await shell.getByRole("button", { name: "It is off" }).waitFor({ state: "detached" });
   const unsaid = page.locator(".meter[data-old=false][data-direction=unsaid]");
   await unsaid.locator(".advice", { hasText: "Nobody has said whether the shell is on" }).waitFor();
   assert.equal(await unsaid.locator(".tag.good").count(), 0, "in focus, by a target that may be another");

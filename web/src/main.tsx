@@ -5,7 +5,7 @@ import * as api from "./daemon/api";
 import { awake } from "./browser/awake";
 import { Belongings } from "./daemon/belongings";
 import { Cadence, LEISURELY_MS, SOON_MS } from "./browser/cadence";
-import { keyOfAddress, type ConfirmKey } from "./daemon/confirm-key";
+import { isBrokenLink, keyOfAddress, type ConfirmKey } from "./daemon/confirm-key";
 import { keepToOne } from "./daemon/copies";
 import { eyepiece } from "./picture/eyepiece";
 import { watchFocus } from "./browser/focus";
@@ -29,6 +29,7 @@ import {
 } from "./state";
 import { drawable, overlaysOn } from "./picture/show";
 import { setUpAt } from "./meter/set-up";
+import { strings } from "./strings";
 import { sound } from "./browser/sound";
 import { stop, watchStopKey } from "./bench/stopping";
 import { toneNow } from "./meter/tone";
@@ -45,6 +46,8 @@ const TONE_MS = 250;
 /** Takes the confirm key of a link that has opened the page, so that it is neither in the address bar nor in the history. */
 function takeConfirmKey(): void {
   const found = keyOfAddress(location.hash);
+  broken = found === null && isBrokenLink(location.hash);
+  if (broken) history.replaceState(null, "", addressOf("alignment"));
   if (found === null) return;
   handed = found;
   history.replaceState(null, "", addressOf("alignment", found.job));
@@ -53,6 +56,9 @@ function takeConfirmKey(): void {
 
 /** The confirm key that whoever is here has come with. */
 let handed: ConfirmKey | null = null;
+/** Whether the link that has opened the page is none as it was made. */
+let broken = false;
+const brokenLink = (): Problem | null => (broken ? { ...strings.job.brokenLink, type: "", status: 0 } : null);
 const belongings = new Belongings(sessionStorage, () => {
   api.lease.abandon();
   api.confirmKeys.forget();
@@ -66,6 +72,7 @@ const RESET_SEEN = "plenalign.reset-seen";
 let state: State = {
   ...initial,
   route: routeOf(location.hash),
+  problem: brokenLink(),
   preferences: recall(localStorage),
   resetSeen: sessionStorage.getItem(RESET_SEEN),
 };
@@ -274,7 +281,7 @@ window.addEventListener("storage", () => {
 });
 window.addEventListener("hashchange", () => {
   takeConfirmKey();
-  update({ route: routeOf(location.hash), problem: null });
+  update({ route: routeOf(location.hash), problem: brokenLink() });
 });
 void begin();
 // Ages grow without any message.

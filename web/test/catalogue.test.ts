@@ -14,7 +14,7 @@ const sources = import.meta.glob<string>("../src/strings/**/*.ts", {
   import: "default",
   eager: true,
 });
-const jobs = import.meta.glob<string>("../../crates/control/src/*.rs", {
+const jobs = import.meta.glob<string>("../../crates/control/src/alignment/*.rs", {
   query: "?raw",
   import: "default",
   eager: true,

@@ -1,5 +1,5 @@
 import { describe, expect, it } from "vitest";
-import { ConfirmKeys, keyOfAddress, keyWithin, linkWith } from "../src/daemon/confirm-key";
+import { ConfirmKeys, isBrokenLink, keyOfAddress, keyWithin, linkWith } from "../src/daemon/confirm-key";
 import { routeOf } from "../src/browser/route";
 
 const job = "0199f0f2-5d2a-7c3e-9a53-5f0f6c1f6a11";
@@ -37,6 +37,13 @@ describe("the confirm key", () => {
     expect(keyOfAddress(`#/alignment/${job}/${key}0`)).toBeNull();
     for (const text of ["", "confirm_", job]) expect(keyWithin(text)).toBeNull();
     expect(routeOf(`#/alignment/${job}/${key}`).jobs).toEqual([job]);
+  });
+
+  it("is told from a link that is not whole", () => {
+    for (const hash of [`#/alignment/${job}/${key.slice(0, -5)}`, `#/alignment/${job.slice(1)}/${key}`])
+      expect(isBrokenLink(hash)).toBe(true);
+    for (const hash of ["", "#/alignment", `#/alignment/${job}`, `#/alignment/${job}/${key}`])
+      expect(isBrokenLink(hash)).toBe(false);
   });
 
   it("is for its job, and for one at a time", () => {

@@ -24,6 +24,11 @@ export function keyOfAddress(hash: string): ConfirmKey | null {
   return found?.[1] && found[2] ? { job: found[1], key: found[2] } : null;
 }
 
+/** Whether an address is such a link's and has been cut off or mistyped. */
+export function isBrokenLink(hash: string): boolean {
+  return /^#\/alignment\/[^/]*\/confirm_/.test(hash) && keyOfAddress(hash) === null;
+}
+
 /** The key in what somebody has typed or pasted: the key itself, or the link with it. */
 export function keyWithin(text: string): string | null {
   return KEY.exec(text)?.[0] ?? null;

@@ -49,7 +49,7 @@ export const job: typeof en.job = {
   },
   steps: {
     joint_alignment: [
-      "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz; e von der Kugelschale weg.",
+      "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz; e von der Kugelschale weg. Nach dem Weißbild fährt e auf Referenz, wo es näher an der Schale steht als seine Parkstellung.",
       "Sie halten für das Weißbild eine Streuscheibe vor die Hauptlinse.",
       "Sie stellen die Tafel oder die Tafeln dorthin, wo die Seite sagt.",
       "Δv wird verstellt, bis es innerhalb der Toleranz liegt; zweimal nachgeprüft.",
@@ -123,6 +123,11 @@ export const job: typeof en.job = {
   itsTurn: "Läuft: für Sie nichts zu tun",
   confirm: "Erledigt",
   notKept: "Bestätigen, sobald sich der Verlauf wieder schreiben lässt: Vorher fährt nichts.",
+  brokenLink: {
+    title: "Der Link ist unvollständig",
+    detail:
+      "Sein Schlüssel ist abgeschnitten oder vertippt und bestätigt nichts: Öffnen Sie ihn noch einmal so, wie er geschickt wurde.",
+  },
   noKey: (owner) =>
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",
@@ -258,7 +263,7 @@ export const report: typeof en.report = {
   ring: (diameter, number) => `${diameter}, f/${number} am Blendenring`,
   movesOf: (air, shell) => `${air} in Luft, ${shell} mit Kugelschale, ohne Probefahrten`,
   axesAt: (focus, e) => `Fokus ${focus}, e ${e}`,
-  tiltOf: (x, y) => `${x} entlang x, ${y} entlang y`,
+  tiltOf: (x, y, sigma) => `${x} entlang x, ${y} entlang y${sigma === null ? "" : `, je ± ${sigma}`}`,
   targetsOf: (paraxial, chief, window) =>
     `${paraxial} nahe der Achse (Gl. 16), ${chief} für die Hauptstrahlen, ${window} im Auswertefenster`,
   unknown: "unbekannt",

@@ -47,7 +47,7 @@ export const job = {
   } satisfies Record<JobKind, string>,
   steps: {
     joint_alignment: [
-      "An axis whose place is not known, or that stands at an end of its travel, is homed; e away from the shell.",
+      "An axis whose place is not known, or that stands at an end of its travel, is homed; e away from the shell. Once the white frame is taken, e is homed where it stands nearer to the shell than it is to be parked.",
       "You hold a diffuser before the lens for the white frame.",
       "You put the board, or boards, where the page says.",
       "Δv is moved until it is within tolerance, verified twice.",
@@ -122,6 +122,10 @@ export const job = {
   itsTurn: "At work: nothing for you to do",
   confirm: "Done",
   notKept: "Confirm when the history can be written again: nothing is moved before.",
+  brokenLink: {
+    title: "The link is not whole",
+    detail: "Its key is cut off or mistyped, so that it confirms nothing: open it again as it was sent.",
+  },
   noKey: (owner: string) =>
     `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,
   confirmKey: "Confirm key, or the link with it",
@@ -259,7 +263,8 @@ export const report = {
   ring: (diameter: string, number: string) => `${diameter}, f/${number} on the ring`,
   movesOf: (air: number, shell: number) => `${air} in air, ${shell} with the shell, probes not counted`,
   axesAt: (focus: string, e: string) => `focus ${focus}, e ${e}`,
-  tiltOf: (x: string, y: string) => `${x} along x, ${y} along y`,
+  tiltOf: (x: string, y: string, sigma: string | null) =>
+    `${x} along x, ${y} along y${sigma === null ? "" : `, each ± ${sigma}`}`,
   targetsOf: (paraxial: string, chief: string, window: string) =>
     `${paraxial} near the axis (Eq. 16), ${chief} for the chief rays, ${window} in the estimator's window`,
   unknown: "unknown",

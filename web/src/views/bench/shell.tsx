@@ -17,7 +17,10 @@ interface Props extends Given {
 export function Shell({ act, shell, disabled }: Props) {
   const [asking, ask] = useAsked<true>(!disabled);
   // "Off" opens the way for the e axis: on the operator's word only.
-  const choose = (state: ShellState) => (state === "off" ? ask(true) : void act(api.setShell(state)));
+  const choose = (state: ShellState) => {
+    ask(state === "off" ? true : null);
+    if (state !== "off") void act(api.setShell(state));
+  };
   return (
     <div class="shell">
       <p class="paces">
