@@ -4,8 +4,11 @@
 //! and one that comes back goes on where it was, if what it missed is kept.
 //! Pictures are the opposite: the newest wins, and a viewer that is slow is sent fewer. Neither delays another viewer.
 
+mod watching;
+
 use std::sync::Arc;
 use std::time::Duration;
+use watching::{Metering, Repeated, See, Watching, next_reading, next_seen};
 
 use axum::Extension;
 use axum::extract::State;
@@ -25,18 +28,18 @@ use super::error::{Problem, Result};
 use super::extract::{Query, parse, parse_member};
 use super::frame::{milliseconds, monotonic};
 use super::hub::{Begin, text};
-use super::picture::{QUALITIES, Reduce, Skipped, age, next};
+use super::picture::{QUALITIES, Reduce, Skipped, age};
 use super::proto::{self, viewed::What};
 use super::types::{ServerMessage, Show, ViewerMessage};
 use super::viewed::{Wanted, map_message, picture_message, picture_of, reading_message};
-use super::viewport::{Part, Watched};
+use super::viewport::Part;
 use crate::access::Principal;
 use crate::control::ServiceError;
 use crate::control::events::FieldMap;
 use crate::control::motion::lease::Permit;
 use crate::control::reading::Reading;
 use crate::device::Frame;
-use crate::telemetry::{self, ViewerKind, Viewing};
+use crate::telemetry::{self, ViewerKind};
 
 /// Between signs of life.
 const TICK: Duration = Duration::from_secs(1);
@@ -91,45 +94,6 @@ pub(super) struct Follow {
     boot_id: Option<Uuid>,
 }
 
-/// What a viewer wants to see.
-struct Watching {
-    frames: Frames,
-    /// The spacing over the field, where it was asked for.
-    map: Option<Maps>,
-    _viewing: Viewing,
-    /// Has the spacing of what is seen measured.
-    _spacing: Arc<()>,
-    wanted: Wanted,
-    /// The viewport among those that are watched, where it is one.
-    watched: Option<Watched>,
-    /// Why the newest frame could not be shown, where that was so and the viewer was told.
-    told: Option<String>,
-    /// At least so long between two pictures.
-    interval: Duration,
-    next_at: Instant,
-    /// At most so many pictures on the way; 0 for no bound.
-    window: u32,
-    /// Sequence numbers of the pictures on the way.
-    unseen: Vec<u64>,
-    skipped: Skipped,
-}
-
-impl Watching {
-    fn may_send(&self) -> bool {
-        self.window == 0 || self.unseen.len() < self.window as usize
-    }
-}
-
-/// What a viewer wants to read.
-struct Metering {
-    readings: Readings,
-    /// Has frames measured in whole, too, where that was asked for.
-    _whole: Option<Arc<()>>,
-    /// At least so long between two readings.
-    interval: Duration,
-    next_at: Instant,
-}
-
 /// Why a viewer's task ends.
 enum End {
     /// The connection broke.
@@ -165,30 +129,6 @@ struct Viewer {
     lease: Option<Permit>,
     repeated: Repeated,
     heard_at: Instant,
-}
-
-/// How often a viewer has been shown the very same picture.
-#[derive(Default)]
-struct Repeated {
-    /// The frame shown last, and the first of those before it that have its picture.
-    last: Option<[u64; 2]>,
-    /// In a row, the last one counted.
-    alike: u32,
-}
-
-impl Repeated {
-    /// How many pictures in a row are the same, up to one of frame `seq`, whose picture was that of frame `first` already: 1
-    /// where it is another than the one before.
-    fn note(&mut self, seq: u64, first: u64) -> u32 {
-        self.alike = match self.last {
-            // Another part of it, or another view.
-            Some([last, _]) if last == seq => self.alike,
-            Some([_, before]) if before == first => self.alike.saturating_add(1),
-            _ => 1,
-        };
-        self.last = Some([seq, first]);
-        self.alike
-    }
 }
 
 impl Drop for Viewer {
@@ -499,49 +439,4 @@ fn interval(max_rate_hz: f64, most: f64) -> Result<Duration> {
         return Err(Problem::invalid("max_rate_hz", detail));
     }
     Ok(Duration::from_secs_f64(1.0 / max_rate_hz))
-}
-
-/// What a viewer is to be shown next.
-enum See {
-    Frame(Arc<Frame>),
-    Map(Arc<FieldMap>),
-}
-
-/// The next thing for a viewer to see; never for one who wants no pictures. Nothing is lost when this is dropped
-/// half-way.
-async fn next_seen(watching: &mut Option<Watching>) -> See {
-    let Some(watching) = watching.as_mut() else { return std::future::pending().await };
-    let may_send = watching.may_send();
-    let Watching { frames, map, next_at, .. } = watching;
-    tokio::select! {
-        map = next_map(map) => See::Map(map),
-        frame = next_frame(frames, *next_at), if may_send => See::Frame(frame),
-    }
-}
-
-/// The newest reading once there is a new one and the viewer's rate allows it; never for one who wants none.
-async fn next_reading(metering: &mut Option<Metering>) -> Arc<Reading> {
-    let Some(Metering { readings, interval, next_at, .. }) = metering else { return std::future::pending().await };
-    tokio::time::sleep_until(*next_at).await;
-    let reading = next_or_never(readings).await;
-    *next_at = (*next_at + *interval).max(Instant::now());
-    reading
-}
-
-async fn next_map(map: &mut Option<Maps>) -> Arc<FieldMap> {
-    let Some(map) = map else { return std::future::pending().await };
-    next_or_never(map).await
-}
-
-/// The newest frame once there is a new one and the viewer's rate allows it.
-async fn next_frame(frames: &mut Frames, next_at: Instant) -> Arc<Frame> {
-    tokio::time::sleep_until(next_at).await;
-    next_or_never(frames).await
-}
-
-async fn next_or_never<T>(source: &mut watch::Receiver<Option<Arc<T>>>) -> Arc<T> {
-    match next(source).await {
-        Some(newest) => newest,
-        None => std::future::pending().await,
-    }
 }

@@ -319,7 +319,7 @@ const WAITS_FOR_TIME: &[(&str, &[(&str, usize)])] = &[
     (
         "the clock is the test's own, where there is no `elapse`",
         &[
-            ("crates/bench/src/device/camera/feed.rs", 7),
+            ("crates/bench/src/device/camera/feed/tests.rs", 7),
             ("crates/bench/src/device/port/tests.rs", 9),
             ("crates/bench/src/telemetry.rs", 1),
             ("src/api/server/stall.rs", 1),

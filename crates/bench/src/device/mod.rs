@@ -6,6 +6,7 @@
 
 pub mod camera;
 pub mod connected;
+pub mod error;
 pub mod faults;
 pub mod jog;
 pub mod light;
@@ -15,7 +16,11 @@ pub mod position;
 pub mod ramp;
 pub mod replayed;
 pub mod serial;
+pub mod setup;
 pub mod stage;
+
+pub use error::DeviceError;
+pub use setup::{Setup, SimulatedOperator};
 
 use std::fmt;
 use std::sync::Arc;
@@ -25,10 +30,8 @@ use async_trait::async_trait;
 use serde::{Deserialize, Serialize};
 use tokio::sync::watch;
 use tokio::time::Instant;
-use utoipa::ToSchema;
 
 use crate::config::Side;
-use faults::Faults;
 use jog::{Course, Seen};
 use light::{ControlName, LightControl};
 use plenoptics::raw::RawImage;
@@ -63,83 +66,6 @@ impl std::fmt::Display for AxisName {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(self.name())
     }
-}
-
-/// What went wrong with a device, by what its user can do next.
-#[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize, Deserialize)]
-pub enum DeviceError {
-    /// The device is not there, or went away: wait for its return, or connect it.
-    #[error("{device} is not connected: {reason}")]
-    Disconnected {
-        /// Which device.
-        device: String,
-        /// What was seen.
-        reason: String,
-    },
-    /// The port or device file is held by another program.
-    #[error("{device} is in use by another program: {reason}")]
-    Busy {
-        /// Which device.
-        device: String,
-        /// What was seen.
-        reason: String,
-    },
-    /// Another device answers than the one configured.
-    #[error("{device} is not what is configured: expected {expected}, found {found}")]
-    WrongDevice {
-        /// Which device.
-        device: String,
-        /// What the configuration says.
-        expected: String,
-        /// What answered.
-        found: String,
-    },
-    /// No answer, or no end of a motion, within the time allowed.
-    #[error("{device} did not {what} within {allowed:?}")]
-    Timeout {
-        /// Which device.
-        device: String,
-        /// What was waited for.
-        what: String,
-        /// How long.
-        allowed: Duration,
-    },
-    /// An answer that makes no sense.
-    #[error("{device} sent an answer that cannot be understood: {detail}")]
-    Protocol {
-        /// Which device.
-        device: String,
-        /// What was sent.
-        detail: String,
-    },
-    /// A healthy device refuses: its own words are given.
-    #[error("{device} refuses: {reason}")]
-    Refused {
-        /// Which device.
-        device: String,
-        /// Its reason.
-        reason: String,
-    },
-    /// The device is in an alarm that has to be cleared (homing, as a rule).
-    #[error("{device} is in alarm: {reason}")]
-    Alarm {
-        /// Which device.
-        device: String,
-        /// Which alarm, and how to leave it.
-        reason: String,
-    },
-    /// The axis's position is unknown: home it first.
-    #[error("the {axis} axis is not homed; home it first")]
-    NotHomed {
-        /// Which axis.
-        axis: AxisName,
-    },
-    /// A stop ended the motion.
-    #[error("the {axis} axis was stopped")]
-    Stopped {
-        /// Which axis.
-        axis: AxisName,
-    },
 }
 
 /// What one axis is doing.
@@ -470,86 +396,6 @@ pub trait FrameSource: Send + Sync {
     async fn end(&self) {}
 }
 
-/// What the job tells the operator to set up before the camera.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]
-#[serde(tag = "type", rename_all = "snake_case")]
-pub enum Setup {
-    /// A diffuser before the lens, for a white frame.
-    Diffuser,
-    /// Diffuser off, shell off, in air: the triple-level board at these distances from the main lens's principal
-    /// point, mm.
-    #[serde(rename = "boards_in_air")]
-    AirTripleBoard {
-        /// Nearest, middle and farthest level; three times the same for a flat board.
-        distances_mm: [f64; 3],
-    },
-    /// Shell mounted, tank filled, flat board at this distance from the shell's outer vertex, mm.
-    #[serde(rename = "board_in_water")]
-    WaterBoard {
-        /// Distance in water, mm.
-        distance_mm: f64,
-    },
-    /// The lens pushed by hand to the least e the shell allows, motors off; then the board as in `WaterBoard`.
-    LeastE {
-        /// Distance of the board in water, mm.
-        distance_mm: f64,
-    },
-    /// Shell taken off, tank away, motors on again.
-    ShellOff,
-    /// The aperture set to a diameter, mm.
-    Aperture {
-        /// Diameter, mm.
-        diameter_mm: f64,
-        /// The number on the lens's ring.
-        ring_f_number: f64,
-    },
-}
-
-impl Setup {
-    /// Longest distance of a board and widest aperture that are believed, mm; largest number on a lens's ring.
-    const MOST: f64 = 1e5;
-
-    /// Whether every number in it can be.
-    ///
-    /// # Errors
-    /// Which cannot, and what it can be.
-    pub fn check(&self) -> Result<(), String> {
-        let numbers: &[(&str, f64)] = match *self {
-            Self::AirTripleBoard { distances_mm: [near, middle, far] } => {
-                &[("distances_mm[0]", near), ("distances_mm[1]", middle), ("distances_mm[2]", far)]
-            }
-            Self::WaterBoard { distance_mm } | Self::LeastE { distance_mm } => &[("distance_mm", distance_mm)],
-            Self::Aperture { diameter_mm, ring_f_number } => {
-                &[("diameter_mm", diameter_mm), ("ring_f_number", ring_f_number)]
-            }
-            Self::Diffuser | Self::ShellOff => &[],
-        };
-        match numbers.iter().find(|(_, value)| !(*value > 0.0 && *value <= Self::MOST)) {
-            Some((field, value)) => Err(format!("{field} {value}: it has to be above 0, and at most {}", Self::MOST)),
-            None => Ok(()),
-        }
-    }
-}
-
-/// The simulated operator: obeys a set-up instruction on the simulated bench.
-pub trait SimulatedOperator: Send + Sync {
-    /// Carries out the instruction at once.
-    fn obey(&self, setup: &Setup);
-    /// Whether the operator also confirms by itself.
-    fn confirms(&self) -> bool;
-    /// Which earlier step is asked for again in place of confirming `step`, by an operator who confirms by itself.
-    fn asks_again(&self, step: u32) -> Option<u32> {
-        let _ = step;
-        None
-    }
-    /// The simulated truth as a JSON object, for reports.
-    fn truth(&self) -> serde_json::Value;
-    /// What goes wrong with the simulated bench.
-    fn faults(&self) -> Faults;
-    /// Makes that go wrong, and nothing else, from now on.
-    fn set_faults(&self, faults: Faults);
-}
-
 /// Every device of one rig.
 #[derive(Clone)]
 pub struct Bench {
@@ -577,18 +423,5 @@ impl Bench {
     #[must_use]
     pub fn is_simulated(&self) -> bool {
         self.simulated.is_some()
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn nothing_is_set_up_at_a_place_that_is_none() {
-        assert_eq!(Setup::WaterBoard { distance_mm: 800.0 }.check(), Ok(()));
-        let why = Setup::AirTripleBoard { distances_mm: [100.0, -1.0, 120.0] }.check().unwrap_err();
-        assert!(why.contains("distances_mm[1] -1: it has to be above 0"), "{why}");
-        assert!(Setup::Aperture { diameter_mm: f64::NAN, ring_f_number: 4.0 }.check().is_err());
     }
 }

@@ -1,59 +1,30 @@
 //! What the jobs see: frames taken at rest, measured away from the runtime's threads.
 
+pub(crate) mod frames;
+mod whole;
+
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
-use std::time::Duration;
 
 use jiff::Timestamp;
 use tokio::sync::watch;
 use tokio::time::Instant;
 
 use super::repeats::Repeats;
-use super::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
+use super::sight::{CameraSeen, Sight};
 use crate::budget::AirStep;
 use crate::clock::{Part, enter};
 use crate::events::{FieldMap, InView, MeasurementView, ShellState, TargetSource};
 use crate::history::journal::Journal;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::motion::Motion;
-use crate::plan::{AcceptedWithin, AirBoards, most_trim_mm};
-use crate::recording::{Answer, Happening};
+use crate::plan::{AcceptedWithin, most_trim_mm};
 use crate::running::end::JobEnd;
 use crate::set_up::{Moment, SetUp};
 use crate::spacing::{SpacingReading, TiltChange};
 use bench::config::{Config, SpacingTarget};
-use bench::device::{AxisName, AxisPose, Bench, DeviceError, Frame};
+use bench::device::{AxisName, Bench, Frame};
 use bench::telemetry;
-use plenoptics::imaging::clarity::{self, Sharpness};
-use plenoptics::imaging::measurement::evened;
 use plenoptics::optics::{CameraDesign, Solution};
-use plenoptics::raw::RawImage;
-use plenoptics::units::Millimetres;
-
-/// How long the axes may take to settle after a move that has ended.
-const SETTLING_ALLOWED: Duration = Duration::from_secs(10);
-/// A frame that spans motion is taken again this often.
-const FRAME_TRIES: u32 = 5;
-/// Frames that look as if the spacing had changed while the shutter was open are taken again this often: one alone may be
-/// wrong about it, or have caught the last of a movement.
-const SMEARED_TRIES: usize = 3;
-/// So many standard uncertainties of their difference the spacings of frames may be apart that show the same.
-const SMEARED_SIGMAS: f64 = 4.0;
-/// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
-const NOISY: [f32; 2] = [0.1, 0.9];
-const LEAST_NOISY: f64 = 0.01;
-/// What is said of a frame that has the very picture of one before it.
-pub(crate) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
-                                      as if it were new; unplug it and plug it in again";
-
-/// A frame has the very picture of one before it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(crate) struct OldPicture;
-
-impl From<OldPicture> for DeviceError {
-    fn from(_: OldPicture) -> Self {
-        Self::Protocol { device: "the camera".to_owned(), detail: OLD_PICTURE.to_owned() }
-    }
-}
 
 /// A spacing seen, with the pose of its last frame.
 #[derive(Debug, Clone)]
@@ -172,18 +143,6 @@ impl Eye {
     /// The spacing over the field in the newest measurement of a single board.
     pub(crate) fn map(&self) -> watch::Receiver<Option<Arc<FieldMap>>> {
         self.map.subscribe()
-    }
-
-    fn publish_map(&self, frame: &Frame, seen: &Measured) {
-        if let Some(map) = &seen.map {
-            self.map.send_replace(Some(Arc::new(FieldMap {
-                frame_seq: frame.seq,
-                captured_at: frame.captured_at,
-                micro_image_pitch_px: seen.micro_image_pitch_px,
-                spacing_target_px: self.target_px(),
-                map: Arc::clone(map),
-            })));
-        }
     }
 
     /// Side of a pixel, mm.
@@ -391,104 +350,6 @@ impl Eye {
         self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
     }
 
-    /// Whether the camera's frames may be measured at all: asked before anything moves for them.
-    pub(crate) fn check_camera(&self) -> Result<(), JobEnd> {
-        match &self.bench.camera.state().borrow().unfit {
-            Some(why) => Err(JobEnd::failed(format!("the camera's frames are not measured: {why}"))),
-            None => Ok(()),
-        }
-    }
-
-    /// A frame exposed wholly while both axes stood settled, with another picture than those before it.
-    async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
-        let mut ended = JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis"));
-        for _ in 0..FRAME_TRIES {
-            let _settling = enter(Part::Settling);
-            let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
-                loop {
-                    if let Some(from) = self.motion.settled_from() {
-                        return from;
-                    }
-                    tokio::time::sleep(Duration::from_millis(20)).await;
-                }
-            });
-            let Ok(from) = settled.await else {
-                let why = self.motion.unrest().join("; ");
-                return Err(JobEnd::failed(format!(
-                    "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
-                )));
-            };
-            let before = self.bench.camera.newest();
-            let frame = match self.frame_from(from).await {
-                Ok(frame) => frame,
-                Err(error) => {
-                    self.journal.happened(|| Happening::Answer(Answer::no_frame(error.clone())));
-                    return Err(error.into());
-                }
-            };
-            if frame.is_settled() {
-                self.journal.happened(|| Happening::Frame(Arc::clone(&frame)));
-                self.check_size(&frame)?;
-                if self.check_new(before.as_deref(), &frame).is_ok() {
-                    return Ok(frame);
-                }
-                ended = JobEnd::OldPicture;
-            }
-        }
-        Err(ended)
-    }
-
-    /// The camera's first frame from a moment on: until then what is waited for is that the axes settle.
-    async fn frame_from(&self, from: Instant) -> Result<Arc<Frame>, DeviceError> {
-        let mut frame = self.bench.camera.frame(from.max(Instant::now()));
-        if let Ok(frame) = tokio::time::timeout_at(from, &mut frame).await {
-            return frame;
-        }
-        let _waiting = enter(Part::Frames);
-        frame.await
-    }
-
-    /// Whether a frame is of the size that is configured.
-    pub(crate) fn check_size(&self, frame: &Frame) -> Result<(), DeviceError> {
-        let (width, height) = (self.config.sensor.width_px, self.config.sensor.height_px);
-        if (frame.image.width(), frame.image.height()) == (width as usize, height as usize) {
-            return Ok(());
-        }
-        Err(DeviceError::WrongDevice {
-            device: "the camera".to_owned(),
-            expected: format!("frames of {width}x{height} px"),
-            found: format!("frames of {}x{} px", frame.image.width(), frame.image.height()),
-        })
-    }
-
-    /// Whether a frame is a new picture, and not the one looked at last nor `before`: noise makes no two the same to the
-    /// last pixel, unless the driver gives an old one again.
-    pub(crate) fn check_new(&self, before: Option<&Frame>, frame: &Arc<Frame>) -> Result<(), OldPicture> {
-        let looked_at = self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).replace(Arc::clone(frame));
-        if ![looked_at.as_deref(), before].into_iter().flatten().any(|old| self.repeats(old, frame)) {
-            return Ok(());
-        }
-        Err(OldPicture)
-    }
-
-    /// The frame that was looked at last.
-    pub(crate) fn looked_at(&self) -> Option<Arc<Frame>> {
-        self.looked_at.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    /// The first of the frames in a row, up to this one, that have its very picture, by its sequence number.
-    pub(crate) async fn first_alike(self: &Arc<Self>, frame: &Arc<Frame>) -> u64 {
-        let eye = Arc::clone(self);
-        self.repeats.first(frame, move |before, frame| eye.repeats(before, frame)).await
-    }
-
-    /// Whether a frame has the very picture of one before it.
-    pub(crate) fn repeats(&self, before: &Frame, frame: &Frame) -> bool {
-        let simulation = &self.config.bench.simulation;
-        let noiseless = frame.simulated && simulation.read_noise_levels == 0.0 && simulation.electrons_per_level == 0.0;
-        !noiseless && before.seq != frame.seq && is_same_picture(&before.image, &frame.image)
-    }
-
     /// Whether a spacing (px) is within the blur limit of the one wanted.
     fn is_in_focus(&self, spacing_px: f64) -> bool {
         (spacing_px - self.target_px()).abs() <= self.config.assembly.blur_limit_px
@@ -498,201 +359,6 @@ impl Eye {
     /// one that is wanted.
     pub(crate) fn is_field_in_focus(&self, spacing_px: f64) -> bool {
         self.in_view().is_aimed_at() && self.is_in_focus(spacing_px)
-    }
-
-    async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
-        let mut frames = Vec::with_capacity(count as usize);
-        for _ in 0..count.max(1) {
-            frames.push(self.frame().await?);
-        }
-        Ok(frames)
-    }
-
-    /// Takes a white frame and learns grid and vignetting from it. Returns what was found, in words.
-    pub(crate) async fn take_white(&self) -> Result<String, JobEnd> {
-        Ok(self.learn(self.frame().await?).await?.describe())
-    }
-
-    /// Whether the white frame no longer fits the camera as it stands: why, in words.
-    pub(crate) async fn white_misfit(&self) -> Result<Option<String>, JobEnd> {
-        let sight = self.need_sight()?;
-        let frame = self.frame().await?;
-        blocking(move || sight.misfit(&frame.image)).await
-    }
-
-    /// How sharp the raw frame is that the camera gives at rest.
-    pub(crate) async fn sharpness(&self) -> Result<Sharpness, JobEnd> {
-        let (frame, mosaic) = (self.frame().await?, self.config.sensor.mosaic);
-        blocking(move || Ok(clarity::sharpness(&evened(&frame.image, mosaic)))).await
-    }
-
-    /// The spacing of the flat board over so many frames, which is neither kept nor shown.
-    pub(crate) async fn glance(&self, count: u32) -> Result<SpacingReading, JobEnd> {
-        let (_, seen) = self.unsmeared(count, Sight::spacing_alone).await?;
-        Ok(seen.spacing)
-    }
-
-    /// Measures the spacing of the flat board over so many frames; `near_px` is what it was last seen to be (px).
-    pub(crate) async fn spacing(&self, count: u32, near_px: Option<f64>) -> Result<Seen, JobEnd> {
-        let (frames, seen) = self
-            .unsmeared(count, move |sight, images| {
-                let from = Instant::now();
-                let seen = sight.spacing(images, near_px);
-                telemetry::measured(from.elapsed());
-                seen
-            })
-            .await?;
-        Ok(self.seen(&frames, seen.of_one_board()?))
-    }
-
-    /// Measures boards in air over so many frames: one with b held at what is known of it (mm), three levels with b held
-    /// far from focus alone.
-    pub(crate) async fn calibrate(
-        &self,
-        boards: AirBoards,
-        known_b: (f64, f64),
-        hold_b: Option<HoldB>,
-        count: u32,
-    ) -> Result<SeenInAir, JobEnd> {
-        let look = move |sight: &Sight, images: &[&RawImage]| match boards {
-            AirBoards::Levels(levels_mm) => sight.triple(images, &levels_mm, hold_b),
-            AirBoards::Flat(distance_mm) => sight.flat(images, distance_mm, known_b),
-        };
-        let (frames, (camera, middle)) = self.unsmeared(count, look).await?;
-        let middle = match boards {
-            AirBoards::Levels(_) => middle,
-            AirBoards::Flat(_) => middle.of_one_board()?,
-        };
-        Ok(SeenInAir { camera, middle: self.seen(&frames, middle) })
-    }
-
-    /// So many frames and what is seen in them; others where they look smeared. Where all do, and yet show the same, nothing
-    /// has moved.
-    async fn unsmeared<T: Saw + Send + 'static>(
-        &self,
-        count: u32,
-        look: impl Fn(&Sight, &[&RawImage]) -> Result<T, Unseen> + Copy + Send + 'static,
-    ) -> Result<(Vec<Arc<Frame>>, T), JobEnd> {
-        let sight = self.need_sight()?;
-        let mut before = Vec::new();
-        loop {
-            let frames = self.frames(count).await?;
-            let last = before.len() + 1 == SMEARED_TRIES;
-            let (taken, earlier, sight) = (frames.clone(), before.clone(), Arc::clone(&sight));
-            let seen = blocking(move || match look(&sight, &images(&taken)) {
-                Err(Unseen::Smeared(_)) if !last => Ok(None),
-                Err(Unseen::Smeared(why)) => {
-                    let still = sight.at_rest();
-                    let seen = look(&still, &images(&taken))?;
-                    let agree = |frames: &Vec<Arc<Frame>>| -> Result<bool, String> {
-                        let (one, other) = (seen.saw(), look(&still, &images(frames))?.saw().clone());
-                        let sigma = one.spacing_sigma_px.hypot(other.spacing_sigma_px);
-                        Ok((one.spacing_px - other.spacing_px).abs() <= SMEARED_SIGMAS * sigma)
-                    };
-                    for frames in &earlier {
-                        if !agree(frames)? {
-                            return Err(why);
-                        }
-                    }
-                    Ok(Some(seen))
-                }
-                seen => Ok(Some(seen?)),
-            });
-            if let Some(seen) = seen.await? {
-                return Ok((frames, seen));
-            }
-            before.push(frames);
-        }
-    }
-
-    fn seen(&self, frames: &[Arc<Frame>], seen: Measured) -> Seen {
-        let last = frames.last();
-        let position =
-            |pose: fn(&Frame) -> AxisPose| last.and_then(|frame| pose(frame).position).map(Millimetres::value);
-        let (focus_mm, e_mm) = (position(|frame| frame.focus), position(|frame| frame.e));
-        if let Some(frame) = last {
-            let view = self.view(frame, &seen);
-            self.journal.measured(&view);
-            self.publish_map(frame, &seen);
-            // Of three boards there is none.
-            let map = seen.map.as_ref().and_then(|_| self.map.borrow().clone());
-            self.journal.happened(|| Happening::Measured(Box::new(view.clone()), map));
-            self.measured.send_replace(Some(view));
-        }
-        let eog = seen.eog.map(|eog| eog.mean_per_pixel);
-        let taken = last.map_or_else(Instant::now, |frame| frame.exposed_to);
-        let Measured { spacing, sigma_random_px, tilt_sigma_px, window_px, picture, .. } = seen;
-        let target_px = self.target_px();
-        let in_view = self.in_view();
-        Seen {
-            taken,
-            spacing,
-            in_view,
-            target_px,
-            focus_mm,
-            e_mm,
-            eog,
-            sigma_random_px,
-            tilt_sigma_px,
-            window_px,
-            picture,
-        }
-    }
-
-    fn view(&self, frame: &Frame, seen: &Measured) -> MeasurementView {
-        let (spacing_target_px, spacing_target_source) = self.target();
-        let spacing_px = seen.spacing.spacing_px;
-        // One level alone has no map.
-        let near = if seen.map.is_some() { self.is_field_in_focus(spacing_px) } else { self.is_in_focus(spacing_px) };
-        MeasurementView {
-            frame_seq: frame.seq,
-            captured_at: frame.captured_at,
-            focus_mm: frame.focus.position.map(Millimetres::value),
-            e_mm: frame.e.position.map(Millimetres::value),
-            settled: frame.is_settled(),
-            spacing: seen.spacing.clone(),
-            spacing_target_px,
-            spacing_target_source,
-            spacing_tolerance_px: Some(self.tolerance_px()),
-            in_focus: seen.two_boards.is_none() && near,
-            // A board of several levels is one that shows several.
-            two_boards: seen.two_boards.filter(|_| self.in_view() != InView::SteppedBoard),
-            micro_image_pitch_px: seen.micro_image_pitch_px,
-            micro_image_pitch_sigma_px: Some(seen.micro_image_pitch_sigma_px),
-            eog: seen.eog.map(|eog| eog.mean_per_pixel),
-            eog_sum: seen.eog.map(|eog| eog.sum),
-            ssim: seen.ssim,
-        }
-    }
-
-    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured. The error is why it cannot
-    /// be, and whether nothing but motion is to blame.
-    pub(crate) async fn measure_live(&self) -> Option<Result<MeasurementView, Unmeasured>> {
-        self.sight()?;
-        let mut live = self.bench.camera.live();
-        let frame =
-            tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
-        let at_rest = frame.is_settled();
-        Some(self.measured_whole(&frame).await.map_err(|unseen| Unmeasured {
-            by_motion: !at_rest || matches!(unseen, Unseen::Smeared(_)),
-            why: unseen.into(),
-        }))
-    }
-
-    /// Measures the spacing in one frame; the error is why it cannot be, in words.
-    pub(crate) async fn measure_frame(&self, frame: &Arc<Frame>) -> Result<MeasurementView, String> {
-        Ok(self.measured_whole(frame).await?)
-    }
-
-    async fn measured_whole(&self, frame: &Arc<Frame>) -> Result<MeasurementView, Unseen> {
-        let sight = self.sight().ok_or_else(|| "no white frame has been taken".to_owned())?;
-        let (image, from) = (Arc::clone(&frame.image), Instant::now());
-        let seen = tokio::task::spawn_blocking(move || sight.spacing(&[&image], None))
-            .await
-            .map_err(|error| format!("the measurement ended unexpectedly: {error}"))??;
-        telemetry::measured(from.elapsed());
-        self.publish_map(frame, &seen);
-        Ok(self.view(frame, &seen))
     }
 
     /// The devices that it sees through and past.
@@ -711,73 +377,10 @@ impl Eye {
     }
 }
 
-/// What has a spacing in it that was seen.
-trait Saw {
-    /// The spacing.
-    fn saw(&self) -> &SpacingReading;
-}
-
-impl Saw for Measured {
-    fn saw(&self) -> &SpacingReading {
-        &self.spacing
-    }
-}
-
-impl Saw for (CameraSeen, Measured) {
-    fn saw(&self) -> &SpacingReading {
-        &self.1.spacing
-    }
-}
-
-fn images(frames: &[Arc<Frame>]) -> Vec<&RawImage> {
-    frames.iter().map(|frame| &*frame.image).collect()
-}
-
-/// Whether two frames are the same to the last pixel, and noisy: a sensor that sees nothing but black or white may well
-/// repeat itself. In the dark those pixels are noisy that are not as black as the blackest.
-fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
-    let white = f32::from(one.white_level());
-    let is_noisy = |frame: &RawImage| {
-        let levels = frame.to_f32();
-        let blackest = levels.iter().copied().fold(f32::INFINITY, f32::min);
-        let noisy = |&&level: &&f32| level < NOISY[1] * white && (level > blackest || level >= NOISY[0] * white);
-        levels.iter().filter(noisy).count() as f64 >= LEAST_NOISY * levels.len() as f64
-    };
-    one == other && is_noisy(one)
-}
-
 async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
     let _measuring = enter(Part::Measuring);
     match tokio::task::spawn_blocking(work).await {
         Ok(result) => result.map_err(|why| JobEnd::Unmeasurable { why }),
         Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_picture_is_known_again_by_its_noise() {
-        let frame = |level: u8, one: u8| {
-            let mut samples = vec![level; 100 * 100];
-            samples[17] = one;
-            RawImage::from_u8(100, 100, samples)
-        };
-        assert!(is_same_picture(&frame(120, 130), &frame(120, 130)));
-        assert!(!is_same_picture(&frame(120, 130), &frame(120, 131)));
-        // A cap on the lens, and a lamp in it.
-        assert!(!is_same_picture(&frame(0, 130), &frame(0, 130)));
-        assert!(!is_same_picture(&frame(255, 130), &frame(255, 130)));
-        let dark = |seed: usize| {
-            RawImage::from_u8(
-                100,
-                100,
-                (0..100 * 100).map(|i| u8::from((i * 7919 + seed).is_multiple_of(23))).collect(),
-            )
-        };
-        assert!(is_same_picture(&dark(1), &dark(1)));
-        assert!(!is_same_picture(&dark(1), &dark(2)));
     }
 }

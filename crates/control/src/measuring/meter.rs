@@ -16,7 +16,8 @@ use jiff::Timestamp;
 use tokio::sync::{Notify, broadcast, watch};
 
 use super::at_rest::AtRest;
-use super::eye::{Eye, OLD_PICTURE, Unmeasured};
+use super::eye::frames::OLD_PICTURE;
+use super::eye::{Eye, Unmeasured};
 use super::meter::doubt::Doubt;
 use super::sight::Sight;
 use crate::events::{InView, MeasurementView};

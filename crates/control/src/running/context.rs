@@ -1,29 +1,23 @@
 //! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
 
+use super::job::{Answer, Job};
 use std::collections::HashMap;
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
 use std::sync::mpsc::RecvTimeoutError;
-use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError};
+use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use tokio::sync::{broadcast, mpsc};
-use tokio_util::sync::CancellationToken;
-use uuid::Uuid;
+use tokio::sync::mpsc;
 
 use super::end::JobEnd;
 use crate::clock::{JobClock, Part, enter};
-use crate::events::Event;
-use crate::history::journal::{Chronicle, Journal, Written};
+use crate::job::RecordingState;
 use crate::job::outcome::Outcome;
 use crate::job::steps::PlannedStep;
 use crate::job::steps::{self, JobStep, Repeatable};
-use crate::job::{
-    Iteration, JobRequest, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Progress, Report, Stage, TimeSpent,
-};
-use crate::job::{Recording, RecordingState};
-use crate::recording::{End, FileSink, Happening};
-use crate::refusal::{Refusal, ServiceError};
+use crate::job::{Iteration, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Report, Stage, TimeSpent};
+use crate::recording::{End, Happening};
 use bench::device::{Setup, SimulatedOperator};
 use bench::store::records::Picture;
 
@@ -31,41 +25,6 @@ use bench::store::records::Picture;
 const RECORDING_END_ALLOWED: Duration = Duration::from_secs(1);
 /// Lines of log kept for a job; more would only repeat.
 const MAX_LOG_LINES: usize = 2000;
-
-/// One job as the service and its own task share it.
-pub(crate) struct Job {
-    snapshot: Mutex<JobSnapshot>,
-    events: broadcast::Sender<Event>,
-    cancel: CancellationToken,
-    /// Why it was asked to end; the first asker's word counts.
-    cancelled_why: OnceLock<String>,
-    answers: mpsc::Sender<Answer>,
-    last_answer: Mutex<Option<Answer>>,
-    journal: Arc<Journal>,
-    idempotency_key: Option<String>,
-    kept: Mutex<Kept>,
-    /// The file that it is recorded to.
-    file: OnceLock<Arc<FileSink>>,
-    /// How long this bench takes for such a job by itself, s, where its history tells.
-    usual_s: OnceLock<f64>,
-}
-
-/// What the operator answers to a step.
-#[derive(Debug, Clone, Copy)]
-struct Answer {
-    /// The step that it answers.
-    to: u32,
-    /// Which earlier one is asked for again; none where it has been carried out.
-    again: Option<u32>,
-}
-
-/// What the history has been given of a job.
-#[derive(Default)]
-struct Kept {
-    written: Written,
-    /// The job without its iterations and its log, as it was written last.
-    newest: Option<JobSnapshot>,
-}
 
 /// The job's own side: what its task holds.
 pub(crate) struct JobContext {
@@ -90,219 +49,23 @@ struct Asking {
     far: HashMap<u32, u32>,
 }
 
-impl Job {
-    /// A job just accepted, and the side of it that its task holds.
-    pub(crate) fn new(
-        request: &JobRequest,
-        idempotency_key: Option<String>,
-        owner: &str,
-        journal: Arc<Journal>,
-        events: broadcast::Sender<Event>,
+impl JobContext {
+    /// Of a job, which is answered by way of `answered`.
+    pub(super) fn new(
+        job: Arc<Job>,
+        answered: mpsc::Receiver<Answer>,
         operator: Option<Arc<dyn SimulatedOperator>>,
-    ) -> (Arc<Self>, JobContext) {
-        let (answers, answered) = mpsc::channel(4);
-        let snapshot = JobSnapshot {
-            id: Uuid::now_v7(),
-            kind: request.kind,
-            request: request.clone(),
-            owner: owner.to_owned(),
-            state: JobState::Pending,
-            stage: Stage::Preparation,
-            simulated: operator.is_some(),
-            generation: 0,
-            created_at: jiff::Timestamp::now(),
-            ended_at: None,
-            progress: Progress { step: 0, of: 1, doing: "accepted".to_owned(), measure: None, time_left_s: None },
-            operator_step: None,
-            steps: Vec::new(),
-            iterations: Vec::new(),
-            log: Vec::new(),
-            reason: None,
-            report: None,
-            outcome: None,
-            recording: None,
-        };
-        let job = Arc::new(Self {
-            snapshot: Mutex::new(snapshot),
-            events,
-            cancel: CancellationToken::new(),
-            cancelled_why: OnceLock::new(),
-            answers,
-            last_answer: Mutex::new(None),
-            journal,
-            idempotency_key,
-            kept: Mutex::default(),
-            file: OnceLock::new(),
-            usual_s: OnceLock::new(),
-        });
-        let context = JobContext {
-            job: Arc::clone(&job),
+    ) -> Self {
+        Self {
+            job,
             answered: tokio::sync::Mutex::new(answered),
             operator,
             steps_asked: AtomicU32::new(0),
             clock: JobClock::start(),
             asking: Mutex::default(),
-        };
-        (job, context)
-    }
-
-    /// The job as it is now.
-    pub(crate) fn snapshot(&self) -> JobSnapshot {
-        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).clone()
-    }
-
-    fn change(&self, change: impl FnOnce(&mut JobSnapshot)) {
-        let snapshot = {
-            let mut snapshot = self.snapshot.lock().unwrap_or_else(PoisonError::into_inner);
-            change(&mut snapshot);
-            snapshot.generation += 1;
-            snapshot.clone()
-        };
-        self.keep(&snapshot);
-        // Nobody listening is no error.
-        let _ = self.events.send(Event::Job { job: Box::new(snapshot) });
-    }
-
-    /// Says how its recording fares.
-    pub(crate) fn recording(&self, recording: Recording) {
-        self.change(|job| job.recording = Some(recording));
-    }
-
-    /// Takes how long this bench usually takes for such a job by itself, s.
-    pub(crate) fn expect(&self, usual_s: f64) {
-        if self.usual_s.set(usual_s).is_ok() && !self.snapshot().state.is_final() {
-            // It has hardly begun: what the first step has taken by now is less than the guess is good to.
-            self.change(|job| {
-                job.progress.time_left_s.get_or_insert(usual_s);
-            });
         }
     }
 
-    /// Has it recorded to a file from now on.
-    pub(crate) fn record_to(&self, file: Arc<FileSink>) {
-        let _ = self.file.set(file);
-    }
-
-    /// Says that its recording has ended before it, and why: the job goes on.
-    pub(crate) fn recording_failed(&self, why: String) {
-        let line = LogLine { at: jiff::Timestamp::now(), message: format!("not recorded any further: {why}") };
-        self.change(|job| {
-            if let Some(recording) = &mut job.recording {
-                (recording.state, recording.fault) = (RecordingState::Failed, Some(why));
-            }
-            job.log.push(line);
-        });
-    }
-
-    /// Gives the history what is new.
-    fn keep(&self, snapshot: &JobSnapshot) {
-        let mut kept = self.kept.lock().unwrap_or_else(PoisonError::into_inner);
-        let bare = JobSnapshot { generation: 0, ..snapshot.bare() };
-        let whole = kept.newest.as_ref() != Some(&bare);
-        let chronicle = self.journal.chronicle(snapshot, self.idempotency_key.as_deref(), kept.written, whole);
-        // A snapshot of before another one that came first has less than is written.
-        kept.written.iterations = kept.written.iterations.max(snapshot.iterations.len());
-        kept.written.lines = kept.written.lines.max(snapshot.log.len());
-        kept.newest = Some(bare);
-        self.journal.note(chronicle);
-    }
-
-    /// The whole job for the history.
-    pub(crate) fn chronicle(&self) -> Chronicle {
-        let (snapshot, key) = (self.snapshot(), self.idempotency_key.as_deref());
-        self.journal.chronicle(&snapshot, key, Written::default(), true)
-    }
-
-    /// The caller's own name for the request.
-    pub(crate) fn key(&self) -> Option<&str> {
-        self.idempotency_key.as_deref()
-    }
-
-    /// Asks the job to end, and says why. May be repeated.
-    pub(crate) fn cancel(&self, why: String) {
-        if self.snapshot().state.is_final() || self.cancel.is_cancelled() {
-            return;
-        }
-        let _ = self.cancelled_why.set(why);
-        self.change(|job| {
-            // It may have ended since that was looked at, and stays so.
-            if !job.state.is_final() {
-                job.state = JobState::Cancelling;
-                job.operator_step = None;
-            }
-        });
-        self.cancel.cancel();
-    }
-
-    /// It was refused after all: there is no such job, and nothing more is written of it.
-    pub(crate) fn forget(&self) {
-        self.snapshot.lock().unwrap_or_else(PoisonError::into_inner).state = JobState::Cancelled;
-    }
-
-    /// Takes the operator's confirmation of a step.
-    ///
-    /// # Errors
-    /// When the job does not wait for that step.
-    pub(crate) fn confirm(&self, step: u32) -> Result<(), ServiceError> {
-        let snapshot = self.snapshot();
-        match &snapshot.operator_step {
-            Some(asked) if asked.number == step => self.answer(snapshot.state, Answer { to: step, again: None }),
-            Some(asked) => {
-                let why = format!("it waits for step {} ({}), not for step {step}", asked.number, asked.name);
-                Err(Refusal::JobState { state: snapshot.state, why }.into())
-            }
-            None => Err(Self::waits_for_nothing(snapshot.state)),
-        }
-    }
-
-    /// Takes it that the operator asks for an earlier step again, in place of confirming the one that waits.
-    ///
-    /// # Errors
-    /// When the job waits for no step, or for one in whose place that one cannot be asked for.
-    pub(crate) fn repeat(&self, step: u32) -> Result<(), ServiceError> {
-        let snapshot = self.snapshot();
-        match &snapshot.operator_step {
-            Some(asked) if asked.repeatable.contains(&step) => {
-                self.answer(snapshot.state, Answer { to: asked.number, again: Some(step) })
-            }
-            Some(asked) => {
-                let which = asked.repeatable.iter().map(|step| format!("step {step}")).collect::<Vec<_>>();
-                let which = if which.is_empty() { "no earlier step".to_owned() } else { which.join(" and ") };
-                let why = format!(
-                    "at step {} ({}) {which} can be asked for again, not step {step}",
-                    asked.number, asked.name
-                );
-                Err(Refusal::JobState { state: snapshot.state, why }.into())
-            }
-            None => Err(Self::waits_for_nothing(snapshot.state)),
-        }
-    }
-
-    /// The first answer to a step counts; the same once more changes nothing.
-    fn answer(&self, state: JobState, answer: Answer) -> Result<(), ServiceError> {
-        let mut last = self.last_answer.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(before) = last.filter(|before| before.to == answer.to) {
-            return if before.again == answer.again {
-                Ok(())
-            } else {
-                let why = match before.again {
-                    Some(earlier) => format!("step {earlier} has been asked for again in its place already"),
-                    None => "this step has been confirmed already".to_owned(),
-                };
-                Err(Refusal::JobState { state, why }.into())
-            };
-        }
-        *last = Some(answer);
-        let over = || Refusal::JobState { state, why: "it has ended".to_owned() };
-        self.answers.try_send(answer).map_err(|_| over().into())
-    }
-
-    fn waits_for_nothing(state: JobState) -> ServiceError {
-        Refusal::JobState { state, why: "it waits for no confirmation".to_owned() }.into()
-    }
-}
-
-impl JobContext {
     /// The job's state as it is now.
     pub(crate) fn snapshot(&self) -> JobSnapshot {
         self.job.snapshot()

@@ -17,7 +17,8 @@ use crate::job::{Recording, RecordingState};
 use crate::motion::Admission;
 use crate::motion::lease::Permit;
 use crate::recording::{FileSink, Happening, Sink};
-use crate::running::context::{Job, JobContext};
+use crate::running::context::JobContext;
+use crate::running::job::Job;
 use crate::{Refusal, ServiceError};
 use bench::device::AxisName;
 

@@ -36,7 +36,7 @@ use crate::measuring::eye::Eye;
 use crate::measuring::meter::Readings;
 use crate::motion::lease::{LeaseGrant, LeaseRequest, Leases};
 use crate::motion::{Motion, Stops};
-use crate::running::context::Job;
+use crate::running::job::Job;
 use crate::service::by_hand::{Failure, Jogging};
 use crate::service::confirm_key::ConfirmKeys;
 use crate::service::look::Looks;

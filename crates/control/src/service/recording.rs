@@ -9,10 +9,10 @@ use crate::job::Recording;
 use crate::job::word;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
-use crate::measuring::eye::OLD_PICTURE;
+use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::recording::{Place, file_name, folder, is_wanted, words};
-use crate::running::context::Job;
 use crate::running::end::JobEnd;
+use crate::running::job::Job;
 use std::path::PathBuf;
 
 use bench::config::Config;

@@ -9,9 +9,16 @@
 //! What the parabola leaves of a micro-image says how far its place is to be believed: those on even parts of the scene
 //! outweigh those full of detail.
 
+mod mean;
+mod sample;
+mod shift;
+
 use fourier::Complex;
-use nalgebra::{DMatrix, SMatrix, SVector};
+use mean::{Profile, smoothed};
+use nalgebra::{DMatrix, SMatrix};
 use rayon::prelude::*;
+use sample::{by_chance, halves};
+use shift::{ShiftTask, terms};
 
 use super::demodulate::Lens;
 use super::fit::{Fit, Model};
@@ -149,29 +156,6 @@ fn matched(
         }
     }
     None
-}
-
-/// For each of so many micro-images one of two halves.
-fn halves(count: usize) -> Vec<bool> {
-    let mut chance = chance();
-    (0..count).map(|_| chance().is_multiple_of(2)).collect()
-}
-
-/// Numbers by chance, the same on every run.
-fn chance() -> impl FnMut() -> usize {
-    let mut state = 1u64;
-    move || {
-        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
-        (state >> 33) as usize
-    }
-}
-
-/// About `wanted` of the micro-images, one by chance of so many that follow each other: at even distances they would be
-/// in step with a chequered board. All where they are hardly more.
-fn by_chance(lenses: &[MicroImage], wanted: usize) -> Vec<MicroImage> {
-    let mut chance = chance();
-    let every = (lenses.len() / wanted).max(1);
-    lenses.chunks(every).map(|some| some[chance() % some.len()]).collect()
 }
 
 /// Compares micro-images with the frame's mean profile.
@@ -443,135 +427,6 @@ impl Matcher {
     }
 }
 
-/// A micro-image's shift from its shape's place, compiled for the instruction set in use.
-struct ShiftTask<'a> {
-    frame: &'a Frame<'a>,
-    window: &'a Window,
-    /// The pixel that the window is laid on.
-    middle: isize,
-    shape: &'a Shape,
-    /// Room for the micro-image and for its derivatives in x and y.
-    buffers: &'a mut [Vec<f32>; 3],
-    /// The scene's terms over the cell.
-    polynomials: &'a [Vec<f32>; TERMS],
-}
-
-impl pulp::WithSimd for ShiftTask<'_> {
-    type Output = Option<([f64; 2], f64)>;
-
-    #[inline(always)]
-    fn with_simd<S: pulp::Simd>(self, _simd: S) -> Self::Output {
-        let Self { frame, window, middle, shape, buffers, polynomials } = self;
-        frame.levels(middle, window, &mut buffers[0]);
-        shape.shift(buffers, polynomials)
-    }
-}
-
-impl Shape {
-    /// A micro-image's shift from the shape's place, px, and its standard error; `None` where it is dark.
-    #[inline(always)]
-    fn shift(&self, buffers: &mut [Vec<f32>; 3], polynomials: &[Vec<f32>; TERMS]) -> Option<([f64; 2], f64)> {
-        let [left, sx, sy] = buffers;
-        let count = left.len();
-        let scene = self.terms * SVector::from(self.project(left));
-        let [p0, p1, p2, p3, p4, p5] = polynomials.each_ref().map(|p| &p[..count]);
-        let [slopes_x, slopes_y] = self.slopes.each_ref().map(|s| &s[..count]);
-        let (sx, sy) = (&mut sx[..count], &mut sy[..count]);
-        for n in 0..count {
-            let t = (p0[n] * scene[0] + p1[n] * scene[1])
-                + (p2[n] * scene[2] + p3[n] * scene[3])
-                + (p4[n] * scene[4] + p5[n] * scene[5]);
-            sx[n] = t * slopes_x[n];
-            sy[n] = t * slopes_y[n];
-        }
-        self.project(sx);
-        self.project(sy);
-        let (xx, xy, yy) = (f64::from(dot(sx, sx)), f64::from(dot(sx, sy)), f64::from(dot(sy, sy)));
-        let (x, y) = (f64::from(dot(sx, left)), f64::from(dot(sy, left)));
-        let determinant = xx * yy - xy * xy;
-        if determinant.is_nan() || determinant <= 1e-6 * xx * yy {
-            return None;
-        }
-        let shift = [(yy * x - xy * y) / determinant, (xx * y - xy * x) / determinant];
-        let rest = f64::from(dot(left, left)) - shift[0] * x - shift[1] * y;
-        let variance = rest.max(1e-9) / count as f64;
-        Some((shift, (variance * (xx + yy) / (2.0 * determinant)).sqrt()))
-    }
-
-    /// Takes from values what the span has of them, and returns its coefficients.
-    #[inline(always)]
-    fn project(&self, values: &mut [f32]) -> [f32; TERMS] {
-        let count = values.len();
-        let span = &self.span.as_slice()[..TERMS * count];
-        let mut coefficients = [0.0f32; TERMS];
-        for (coefficient, column) in coefficients.iter_mut().zip(span.chunks_exact(count)) {
-            *coefficient = dot(values, column);
-        }
-        let (c0, rest) = span.split_at(count);
-        let (c1, rest) = rest.split_at(count);
-        let (c2, rest) = rest.split_at(count);
-        let (c3, rest) = rest.split_at(count);
-        let (c4, c5) = rest.split_at(count);
-        for n in 0..count {
-            values[n] -= (coefficients[0] * c0[n] + coefficients[1] * c1[n])
-                + (coefficients[2] * c2[n] + coefficients[3] * c3[n])
-                + (coefficients[4] * c4[n] + coefficients[5] * c5[n]);
-        }
-        coefficients
-    }
-}
-
-#[inline(always)]
-fn dot(a: &[f32], b: &[f32]) -> f32 {
-    let mut sums = [0.0f32; 8];
-    let (a8, a_rest) = a.as_chunks::<8>();
-    let (b8, b_rest) = b.as_chunks::<8>();
-    for (a, b) in a8.iter().zip(b8) {
-        for k in 0..8 {
-            sums[k] += a[k] * b[k];
-        }
-    }
-    sums.iter().sum::<f32>() + a_rest.iter().zip(b_rest).map(|(a, b)| a * b).sum::<f32>()
-}
-
-fn terms(dx: isize, dy: isize, scale: f64) -> [f64; TERMS] {
-    let (s, t) = (dx as f64 / scale, dy as f64 / scale);
-    [1.0, s, t, s * s, s * t, t * t]
-}
-
-/// A periodic profile over the lattice's cell.
-struct Profile {
-    side: usize,
-    values: Vec<f64>,
-}
-
-impl Profile {
-    /// Bilinear between the bins.
-    fn at(&self, u: f64, v: f64) -> f64 {
-        let split = |u: f64| {
-            let at = (u - u.floor()) * self.side as f64;
-            let base = at as usize;
-            (base % self.side, (base + 1) % self.side, at - base as f64)
-        };
-        let ((p0, p1, s), (q0, q1, t)) = (split(u), split(v));
-        let value = |q: usize, p: usize| self.values[q * self.side + p];
-        (value(q0, p0) * (1.0 - s) + value(q0, p1) * s) * (1.0 - t)
-            + (value(q1, p0) * (1.0 - s) + value(q1, p1) * s) * t
-    }
-}
-
-/// Means over so many bins on either side along one direction of a periodic profile: strides along that and across it.
-fn smoothed(values: &[f64], side: usize, [along, across]: [usize; 2], reach: usize) -> Vec<f64> {
-    let mut means = vec![0.0; side * side];
-    for row in 0..side {
-        for n in 0..side {
-            let about = (0..=2 * reach).map(|k| values[row * across + (n + side + k - reach) % side * along]);
-            means[row * across + n * along] = about.sum::<f64>() / (2 * reach + 1) as f64;
-        }
-    }
-    means
-}
-
 /// Whether a displacement (px) from a micro-image centre lies nearer to it than to any neighbour.
 fn in_cell(grid: &Grid, x: f64, y: f64) -> bool {
     let [a, b] = grid.basis;
@@ -580,27 +435,4 @@ fn in_cell(grid: &Grid, x: f64, y: f64) -> bool {
         neighbours.push([b[0] - a[0], b[1] - a[1]]);
     }
     neighbours.iter().all(|n| (x * n[0] + y * n[1]).abs() <= 0.5 * (n[0] * n[0] + n[1] * n[1]))
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn forerunners_come_from_all_over_the_frame() {
-        let lenses = |count: i32| -> Vec<MicroImage> {
-            (0..count).map(|n| MicroImage { i: n, j: 0, x: f64::from(n), y: 0.0 }).collect()
-        };
-        let few = by_chance(&lenses(14_000), 2500);
-        assert_eq!(few.len(), 2800);
-        for (n, m) in few.iter().enumerate() {
-            assert_eq!(m.i as usize / 5, n);
-        }
-        // In step with nothing.
-        for place in 0..5 {
-            let share = few.iter().filter(|m| m.i % 5 == place).count();
-            assert!((450..670).contains(&share), "{share} at {place}");
-        }
-        assert_eq!(by_chance(&lenses(3000), 2500).len(), 3000);
-    }
 }

@@ -1,5 +1,7 @@
 //! From a frame to its grid, with nothing known or with a grid that nearly fits.
 
+mod canonical;
+
 use super::demodulate::{Demodulator, Lens};
 use super::fit::{DEGREE_MAX, Fit, Model, monomial_count};
 use super::frame::Frame;
@@ -12,6 +14,7 @@ use super::{Distortion, Grid, GridError, GridOptions, GridSigma, LensResidual, M
 use crate::imaging::vignetting::Vignetting;
 use crate::optics::ArrayKind;
 use crate::raw::RawImage;
+use canonical::{canonical, symmetry};
 
 /// Least coherence of a frame's lattice phases for a grid to be found in it. Chequered boards come down to 0.6 in the
 /// referee frames, other textures stay above 0.9.
@@ -250,44 +253,6 @@ fn finer(frame: &Frame, grid: &Grid) -> Option<Grid> {
     let finer = exact(grid.array, basis, grid.centre, grid.frame_size);
     // Below the least pitch of any use there is nothing to be had.
     (finer.pitch_px() > FINEST_PX).then_some(finer)
-}
-
-/// The angle by which an array turns into itself, radians.
-fn symmetry(array: ArrayKind) -> f64 {
-    match array {
-        ArrayKind::Square => std::f64::consts::FRAC_PI_2,
-        ArrayKind::Hexagonal => std::f64::consts::FRAC_PI_3,
-    }
-}
-
-/// The basis that [`Grid`] promises: the first vector's angle from +x within half the array's symmetry, the second that
-/// symmetry further.
-fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
-    let period = symmetry(array);
-    let mut vectors: Vec<[f64; 2]> = Vec::new();
-    for m in -2i32..=2 {
-        for n in -2i32..=2 {
-            if (m, n) != (0, 0) {
-                let (m, n) = (f64::from(m), f64::from(n));
-                vectors.push([m * basis[0][0] + n * basis[1][0], m * basis[0][1] + n * basis[1][1]]);
-            }
-        }
-    }
-    let length = |v: &[f64; 2]| v[0].hypot(v[1]);
-    let shortest = vectors.iter().map(length).fold(f64::INFINITY, f64::min);
-    // Neighbours differ in length by what the array and the sensor are off; diagonals by 41 or 73 %.
-    vectors.retain(|v| length(v) < 1.2 * shortest);
-    let nearest = |to: f64| {
-        let off = |v: &[f64; 2]| {
-            let turned = v[1].atan2(v[0]) - to + std::f64::consts::PI;
-            (turned.rem_euclid(std::f64::consts::TAU) - std::f64::consts::PI).abs()
-        };
-        vectors.iter().copied().min_by(|a, b| off(a).total_cmp(&off(b))).unwrap_or(basis[0])
-    };
-    // A hair towards +y decides between the two ends of the half-open range.
-    let first = nearest(1e-9);
-    let second = nearest(first[1].atan2(first[0]) + period);
-    [first, second]
 }
 
 /// From a candidate to a lattice over the whole frame: the part it was found in first, where its pitch is good enough
