@@ -219,6 +219,20 @@ fn rooms_of_control_call_downwards_only() {
     assert!(wrong.is_empty(), "{}", wrong.join("\n"));
 }
 
+/// What a reader keeps in the head.
+const MOST_LINES: usize = 450;
+
+#[test]
+fn no_file_is_longer_than_a_reader_keeps_in_the_head() {
+    let long = sources().into_iter().filter(|(path, text)| {
+        let is_tests =
+            path.file_name().is_some_and(|name| name == "tests.rs") || path.iter().any(|part| part == "tests");
+        !is_tests && text.lines().count() > MOST_LINES
+    });
+    let long: Vec<_> = long.map(|(path, text)| format!("{}: {}", path.display(), text.lines().count())).collect();
+    assert!(long.is_empty(), "{}", long.join("\n"));
+}
+
 #[test]
 fn optics_and_imaging_are_pure() {
     for (path, text) in sources() {

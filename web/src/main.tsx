@@ -17,16 +17,8 @@ import { pageNow } from "./browser/page-clock";
 import { keep, named, recall } from "./preferences";
 import { addressOf, routeOf } from "./browser/route";
 import { keyOfLink, signIn, signOut, whoAmI, whyOut } from "./daemon/session";
-import {
-  endsPress,
-  initial,
-  receive,
-  receivePicture,
-  receiveReading,
-  remember,
-  turnOf,
-  type State,
-} from "./state";
+import { receive, receivePicture, receiveReading, remember } from "./received";
+import { endsPress, initial, turnOf, type State } from "./state";
 import { drawable, overlaysOn } from "./picture/show";
 import { setUpAt } from "./meter/set-up";
 import { strings } from "./strings";

@@ -55,6 +55,13 @@ function taken(): Map<string, Set<string>> {
   return rooms;
 }
 
+describe("the page's files", () => {
+  it("are no longer than a reader keeps in the head", () => {
+    const long = Object.entries(sources).filter(([, text]) => text.split("\n").length > 450);
+    expect(long.map(([file]) => file)).toEqual([]);
+  });
+});
+
 describe("the page's folders", () => {
   const rooms = taken();
   it.each(Object.keys(TAKES))("%s takes what it takes", (room) => {

@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
 import { fixed, sentence, signed, withSigma } from "../src/words/format";
+import { receive, receivePicture, receiveReading, remember } from "../src/received";
 import {
   currentJob,
   endsPress,
@@ -9,10 +10,6 @@ import {
   newsOfReset,
   pictureAge,
   pictureState,
-  receive,
-  receivePicture,
-  receiveReading,
-  remember,
   STALE_MS,
   type State,
 } from "../src/state";

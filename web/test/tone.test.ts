@@ -1,5 +1,6 @@
 import { describe, expect, it } from "vitest";
-import { initial, receive, receiveReading, turnOf, type State } from "../src/state";
+import { receive, receiveReading } from "../src/received";
+import { initial, turnOf, type State } from "../src/state";
 import { toneNow, toneOf } from "../src/meter/tone";
 import { frameReading, job, lostReading, snapshot } from "./fixtures";
 
