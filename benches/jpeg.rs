@@ -4,7 +4,7 @@
 use std::hint::black_box;
 
 use criterion::{Criterion, criterion_group, criterion_main};
-use plenalign::api::jpeg::{Encoder, TurboJpeg};
+use plenalign::jpeg::{Encoder, TurboJpeg};
 use plenalign::raw::{RawImage, Window};
 
 /// Micro-images with noise over them: what a plenoptic camera's pictures cost to encode.

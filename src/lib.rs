@@ -20,6 +20,7 @@
 //!  store                 the history on disk: plain records in and out, used by control
 //!  record                recordings on disk: MCAP files, written by control, played by device
 //!  fleet                 what happens, published to an MQTT broker: follows control, takes no requests
+//!  jpeg                  grey pictures to JPEG, for api
 //!  config                read once, immutable afterwards
 //!  telemetry             what the program counts about itself, called from anywhere
 //! ```
@@ -27,7 +28,7 @@
 //! A room is compiled with its crate, each of which knows nothing of those above it:
 //!
 //! ```text
-//!  plenalign             cli, api, alpaca, fleet, study; every other room has its name here, too
+//!  plenalign             cli, api, alpaca, fleet, study, jpeg; every other room has its name here, too
 //!  plenalign-control     control
 //!  plenalign-bench       device, sim, config, record, store, access, state_folder, telemetry, whole
 //!  plenoptics            imaging, optics, raw, units, and the renderer in sim: numbers only
@@ -40,6 +41,7 @@ pub mod alpaca;
 pub mod api;
 pub mod cli;
 pub mod fleet;
+pub mod jpeg;
 pub mod study;
 mod text;
 

@@ -12,7 +12,7 @@ use utoipa::openapi::{
     Components, ContentBuilder, ObjectBuilder, OneOfBuilder, OpenApi, Ref, RefOr, Response, ResponseBuilder,
 };
 
-use super::security;
+use super::access::security;
 use crate::config::Config;
 use crate::control::design::draft::SECTIONS;
 use crate::control::job::{JobKind, JobRequest};

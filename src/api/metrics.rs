@@ -8,8 +8,8 @@ use axum::response::{IntoResponse, Response};
 use tokio::time::Instant;
 
 use super::App;
+use super::access::scopes::known_route;
 use super::error::{Problem, Result};
-use super::scopes::known_route;
 use super::types::{Health, Readiness};
 use crate::telemetry;
 

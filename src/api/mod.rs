@@ -1,55 +1,39 @@
 //! The HTTP API, version 1, with its WebSocket and the page.
 //!
+//! By what a client does:
+//!
+//! ```text
+//!  pictures   what is shown of a frame: live, by viewports, as scenes
+//!  live       the WebSocket, and what of it goes to everybody who watches
+//!  jobs       jobs of this run and of earlier ones, their recordings and measurements
+//!  bench      axes, camera, stop, simulation, configuration and design
+//!  access     who asks, by token, session, ticket or lease, and what they may
+//!  export     a job as HTML, CSV, JSON and plots
+//!  foxglove   the bridge to Foxglove
+//!  server     connections, their bounds, and TLS
+//! ```
+//!
 //! One file per resource; [`error`] alone knows status codes. The contract is `proto/openapi.json`, written from this
 //! code, `proto/asyncapi.yaml` for the WebSocket's text messages, and `proto/plenalign/v1` for its pictures.
 
-mod axes;
-mod bench;
-pub mod camera;
-mod client;
-mod config;
+pub mod access;
+pub mod bench;
 mod contract;
-mod credentials;
-mod devices;
-mod draft;
 pub mod error;
 pub mod export;
 mod extract;
 pub mod foxglove;
-mod frame;
-mod guard;
-pub mod history;
-mod hub;
-mod info;
-mod jobs;
-pub mod jpeg;
-mod lease;
+pub mod jobs;
 mod live;
-pub mod measurements;
 mod metrics;
-mod origin;
 mod page;
-mod picture;
-mod placeholder;
+pub mod pictures;
 /// Messages of `proto/plenalign/v1`, written by `prost-build`; a test compares.
 #[allow(missing_docs, clippy::all)]
 #[rustfmt::skip]
 pub mod proto;
-mod recording;
-mod scene;
-mod scopes;
-mod security;
 pub mod server;
-mod session;
-mod simulation;
-mod stop;
-mod stream;
-mod tickets;
-mod tokens;
 pub mod types;
-pub mod view;
-mod viewed;
-mod viewport;
 
 use std::net::SocketAddr;
 use std::sync::{Arc, OnceLock};
@@ -70,12 +54,12 @@ use utoipa::OpenApi;
 use utoipa_axum::router::OpenApiRouter;
 use utoipa_axum::routes;
 
-pub(crate) use client::{Client, Peer};
+pub(crate) use access::client::{Client, Peer};
+pub use access::scopes::IN_RESERVE;
 use error::{Problem, UnauthorisedProblem};
-use hub::Hub;
-use picture::Pictures;
-pub use scopes::IN_RESERVE;
-use viewport::Viewports;
+use live::hub::Hub;
+use pictures::picture::Pictures;
+use pictures::viewport::Viewports;
 
 use crate::access::Gate;
 use crate::config::ConfigOrigin;
@@ -90,11 +74,11 @@ struct App {
     hub: Arc<Hub>,
     pictures: Arc<Pictures>,
     viewports: Arc<Viewports>,
-    lookout: Arc<devices::Lookout>,
+    lookout: Arc<bench::devices::Lookout>,
     origin: Arc<ConfigOrigin>,
     /// Writes what is counted as text, where it is kept.
     metrics: Option<PrometheusHandle>,
-    config: Arc<config::ConfigFile>,
+    config: Arc<bench::config::ConfigFile>,
     gate: Arc<Gate>,
     /// Name of the cookie that holds a browser's session. Browsers send a host's cookies to all of its ports, so that
     /// the daemons of two benches on one machine need names of their own.
@@ -124,10 +108,10 @@ impl Api {
     pub fn new(service: Arc<Service>, gate: Arc<Gate>, address: SocketAddr, origin: ConfigOrigin) -> Self {
         let hub = Arc::new(Hub::new());
         let shutdown = CancellationToken::new();
-        tokio::spawn(hub::pump(hub.clone(), service.clone(), shutdown.clone()));
+        tokio::spawn(live::hub::pump(hub.clone(), service.clone(), shutdown.clone()));
         let (following, until) = (Arc::clone(&gate).follow(), shutdown.clone());
         tokio::spawn(async move { until.run_until_cancelled(following).await });
-        let config = Arc::new(config::ConfigFile::of(&origin, service.config()));
+        let config = Arc::new(bench::config::ConfigFile::of(&origin, service.config()));
         let viewports = service.config().server.max_viewports as usize;
         let pictures = Pictures::new(viewports, service.config().sensor.mosaic.is_some());
         let app = App {
@@ -177,7 +161,7 @@ impl Api {
             .method_not_allowed_fallback(method_not_allowed)
             .route_layer(middleware::from_fn(metrics::name_route))
             .layer(DefaultBodyLimit::max(extract::BODY_LIMIT_BYTES))
-            .layer(middleware::from_fn_with_state(self.app.clone(), guard::guard))
+            .layer(middleware::from_fn_with_state(self.app.clone(), access::guard::guard))
             .layer(CatchPanicLayer::custom(|_| Problem::internal().into_response()))
             .layer(header(header::X_CONTENT_TYPE_OPTIONS, "nosniff"))
             .layer(header(HeaderName::from_static("cross-origin-resource-policy"), "same-origin"))
@@ -246,54 +230,58 @@ fn routes() -> OpenApiRouter<App> {
     OpenApiRouter::with_openapi(Contract::openapi())
         .routes(routes!(bench::get))
         .routes(routes!(bench::put_shell))
-        .routes(routes!(axes::go))
-        .routes(routes!(axes::home))
-        .routes(routes!(axes::leave_switch))
-        .routes(routes!(axes::jog, axes::end_jog))
-        .routes(routes!(lease::take, lease::get, lease::release))
-        .routes(routes!(lease::renew))
-        .routes(routes!(lease::take_over))
-        .routes(routes!(jobs::create, history::jobs))
+        .routes(routes!(bench::axes::go))
+        .routes(routes!(bench::axes::home))
+        .routes(routes!(bench::axes::leave_switch))
+        .routes(routes!(bench::axes::jog, bench::axes::end_jog))
+        .routes(routes!(access::lease::take, access::lease::get, access::lease::release))
+        .routes(routes!(access::lease::renew))
+        .routes(routes!(access::lease::take_over))
+        .routes(routes!(jobs::create, jobs::history::jobs))
         .routes(routes!(jobs::get, jobs::cancel))
         .routes(routes!(jobs::confirm))
         .routes(routes!(jobs::repeat))
         .routes(routes!(jobs::renew_key))
-        .routes(routes!(history::log))
-        .routes(routes!(history::iterations))
-        .routes(routes!(history::measurements))
-        .routes(routes!(history::moves))
-        .routes(routes!(history::audit))
+        .routes(routes!(jobs::history::log))
+        .routes(routes!(jobs::history::iterations))
+        .routes(routes!(jobs::history::measurements))
+        .routes(routes!(jobs::history::moves))
+        .routes(routes!(jobs::history::audit))
         .routes(routes!(export::as_json))
         .routes(routes!(export::as_csv))
         .routes(routes!(export::as_html))
-        .routes(routes!(recording::download))
-        .routes(routes!(stop::stop, stop::get, stop::reset))
-        .routes(routes!(camera::controls))
-        .routes(routes!(camera::set_control))
-        .routes(routes!(camera::auto_expose))
-        .routes(routes!(camera::histogram))
-        .routes(routes!(frame::png))
-        .routes(routes!(frame::snapshot))
-        .routes(routes!(stream::mjpeg))
-        .routes(routes!(view::report))
-        .routes(routes!(view::jpeg))
-        .routes(routes!(view::png))
-        .routes(routes!(session::sign_in, session::get, session::sign_out))
-        .routes(routes!(tickets::create))
-        .routes(routes!(tokens::create, tokens::list))
-        .routes(routes!(tokens::revoke))
-        .routes(routes!(info::measurement))
-        .routes(routes!(info::recent))
-        .routes(routes!(measurements::measure, measurements::list))
-        .routes(routes!(config::get, config::put))
-        .routes(routes!(config::schema))
-        .routes(routes!(config::validate))
-        .routes(routes!(info::design, draft::work_out))
-        .routes(routes!(draft::plan))
-        .routes(routes!(devices::get))
-        .routes(routes!(simulation::faults, simulation::put_faults))
-        .routes(routes!(simulation::fault_plan, simulation::put_fault_plan, simulation::delete_fault_plan))
-        .routes(routes!(info::openapi))
+        .routes(routes!(jobs::recording::download))
+        .routes(routes!(bench::stop::stop, bench::stop::get, bench::stop::reset))
+        .routes(routes!(bench::camera::controls))
+        .routes(routes!(bench::camera::set_control))
+        .routes(routes!(bench::camera::auto_expose))
+        .routes(routes!(bench::camera::histogram))
+        .routes(routes!(pictures::frame::png))
+        .routes(routes!(pictures::frame::snapshot))
+        .routes(routes!(live::stream::mjpeg))
+        .routes(routes!(pictures::view::report))
+        .routes(routes!(pictures::view::jpeg))
+        .routes(routes!(pictures::view::png))
+        .routes(routes!(access::session::sign_in, access::session::get, access::session::sign_out))
+        .routes(routes!(access::tickets::create))
+        .routes(routes!(access::tokens::create, access::tokens::list))
+        .routes(routes!(access::tokens::revoke))
+        .routes(routes!(bench::info::measurement))
+        .routes(routes!(bench::info::recent))
+        .routes(routes!(jobs::measurements::measure, jobs::measurements::list))
+        .routes(routes!(bench::config::get, bench::config::put))
+        .routes(routes!(bench::config::schema))
+        .routes(routes!(bench::config::validate))
+        .routes(routes!(bench::info::design, bench::draft::work_out))
+        .routes(routes!(bench::draft::plan))
+        .routes(routes!(bench::devices::get))
+        .routes(routes!(bench::simulation::faults, bench::simulation::put_faults))
+        .routes(routes!(
+            bench::simulation::fault_plan,
+            bench::simulation::put_fault_plan,
+            bench::simulation::delete_fault_plan
+        ))
+        .routes(routes!(bench::info::openapi))
         .routes(routes!(page::docs))
         .routes(routes!(metrics::health))
         .routes(routes!(metrics::ready))

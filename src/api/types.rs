@@ -408,7 +408,7 @@ fn default_reading_rate() -> f64 {
 }
 
 fn default_quality() -> u8 {
-    super::picture::DEFAULT_QUALITY
+    super::pictures::picture::DEFAULT_QUALITY
 }
 
 fn default_reduce() -> u32 {

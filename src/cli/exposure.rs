@@ -10,7 +10,7 @@ use serde::Serialize;
 use serde_json::json;
 
 use super::remote::{Daemon, RemoteArgs};
-use crate::api::camera::{ControlRequest, HistogramView};
+use crate::api::bench::camera::{ControlRequest, HistogramView};
 use crate::control::service::light::{AutoExposureView, LightView};
 use crate::device::light::ControlName;
 

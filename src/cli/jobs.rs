@@ -10,7 +10,7 @@ use super::output::put_if_read;
 use super::remote::RemoteArgs;
 use super::{Context, remote, report};
 use crate::api::export::{self, JobExport};
-use crate::api::history::{JobItem, JobList};
+use crate::api::jobs::history::{JobItem, JobList};
 use crate::api::types::job_href;
 use crate::control::history::read::{self, JobArchive, JobQuery, JobSummary};
 use crate::control::job::JobState;

@@ -2,15 +2,15 @@
 
 use std::sync::Arc;
 
+use jiff::Timestamp;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+use uuid::Uuid;
 
 use crate::job::JobSnapshot;
 use crate::spacing::SpacingReading;
 use bench::device::{AxisName, StopDelivery};
-use jiff::Timestamp;
 use plenoptics::imaging::spacing::SpacingMap;
-use uuid::Uuid;
 
 /// One axis as a caller sees it.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

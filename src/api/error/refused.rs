@@ -1,11 +1,12 @@
 //! What the service refuses, as problems.
 
+use axum::http::StatusCode;
+use serde_json::json;
+
 use super::{CONFIRM_HEADER, LEASE_HEADER, Problem};
 use crate::access::TokenError;
 use crate::control::{Refusal, ServiceError};
 use crate::device::DeviceError;
-use axum::http::StatusCode;
-use serde_json::json;
 
 impl From<Refusal> for Problem {
     fn from(refusal: Refusal) -> Self {

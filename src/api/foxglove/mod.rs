@@ -21,10 +21,10 @@ use tokio::sync::Semaphore;
 use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
-use super::client::Peer;
+use super::access::client::Peer;
+use super::access::origin::{is_own_host, is_same_origin};
 use super::error::Problem;
-use super::origin::{is_own_host, is_same_origin};
-use super::picture::Pictures;
+use super::pictures::picture::Pictures;
 use super::server::{Connections, InReserve};
 use crate::access::Gate;
 use crate::config::FoxgloveConfig;

@@ -19,9 +19,9 @@ use tokio::sync::mpsc::{Receiver, Sender, channel};
 use tokio::time::Instant;
 use uuid::Uuid;
 
-use super::super::picture::{DEFAULT_QUALITY, Reduce, next};
-use super::super::viewport::whole;
 use super::{Shared, TOPICS};
+use crate::api::pictures::picture::{DEFAULT_QUALITY, Reduce, next};
+use crate::api::pictures::viewport::whole;
 use crate::control::events::{BenchView, Event, MeasurementView};
 use crate::control::job::JobSnapshot;
 use crate::control::recording::words;

@@ -1,17 +1,19 @@
 //! What a viewer watches, and what comes of it next.
 
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::sync::watch;
+use tokio::time::Instant;
+
 use super::{Frames, Maps, Readings};
-use crate::api::picture::{Skipped, next};
-use crate::api::viewed::Wanted;
-use crate::api::viewport::Watched;
+use crate::api::pictures::picture::{Skipped, next};
+use crate::api::pictures::viewed::Wanted;
+use crate::api::pictures::viewport::Watched;
 use crate::control::events::FieldMap;
 use crate::control::reading::Reading;
 use crate::device::Frame;
 use crate::telemetry::Viewing;
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::sync::watch;
-use tokio::time::Instant;
 
 /// What a viewer wants to see.
 pub(super) struct Watching {

@@ -25,7 +25,7 @@ use super::plain;
 use super::slots::{Place, Reservation, Slot};
 use super::stall::Stall;
 use super::{InReserve, ServerSettings};
-use crate::api::client::Peer;
+use crate::api::access::client::Peer;
 use crate::api::error::Problem;
 
 /// How long the first byte and the TLS handshake may take, each.

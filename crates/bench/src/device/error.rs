@@ -1,8 +1,10 @@
 //! What goes wrong with a device.
 
-use super::AxisName;
-use serde::{Deserialize, Serialize};
 use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+
+use super::AxisName;
 
 /// What went wrong with a device, by what its user can do next.
 #[derive(Debug, Clone, PartialEq, thiserror::Error, Serialize, Deserialize)]

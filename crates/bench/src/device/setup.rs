@@ -1,8 +1,9 @@
 //! What an operator sets up, and the simulated one.
 
-use super::faults::Faults;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+use super::faults::Faults;
 
 /// What the job tells the operator to set up before the camera.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize, ToSchema)]

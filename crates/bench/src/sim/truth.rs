@@ -8,7 +8,6 @@ use std::time::Duration;
 use rand::{RngExt, SeedableRng};
 use rand_pcg::Pcg64;
 use serde_json::json;
-
 use tokio::sync::watch;
 use tokio::time::Instant;
 

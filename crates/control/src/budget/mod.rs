@@ -20,10 +20,11 @@ mod part;
 
 use std::fmt;
 
-use bench::config::Config;
 use nalgebra::DVector;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+use bench::config::Config;
 
 pub(crate) use evidence::AirStep;
 pub use evidence::{AirPlace, BoardSeen, Evidence, PitchSeen};

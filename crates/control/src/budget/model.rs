@@ -1,9 +1,7 @@
 //! What an alignment's measurements would be, were each part a little off: Gauss, the shell and the microlenses, with what
 //! the steps have in common kept in common.
 
-use bench::config::Config;
 use nalgebra::DVector;
-use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 
 use super::adjustment::{Adjusted, Measured};
 use super::evidence::{BoardSeen, Evidence};
@@ -11,6 +9,8 @@ use super::part::{LEVELS, Part};
 use crate::loops::axis_model::AxisModel;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::shell::ShellObservation;
+use bench::config::Config;
+use plenoptics::optics::{CameraDesign, Decentring, MainLens, Mla, Shell, mla};
 
 /// Standard uncertainty of d before the boards were looked at, mm: next to nothing is known of it.
 const LENS_TO_MLA_SIGMA_MM: f64 = 10.0;

@@ -1,9 +1,10 @@
 //! What a job came to: the report of an alignment, and where its time went.
 
-use super::{JobState, Measure};
-use crate::budget::Budget;
 use serde::{Deserialize, Serialize};
 use utoipa::ToSchema;
+
+use super::{JobState, Measure};
+use crate::budget::Budget;
 
 /// Near and far end of an interval; `null` for infinity.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize, ToSchema)]

@@ -1,5 +1,7 @@
 //! Moving an axis: by legs and pieces, jogged, homed, let go.
 
+use std::sync::Arc;
+
 use super::{Admission, Claim, Motion, index, note_end, pieces};
 use crate::clock::{Part, enter};
 use crate::events::ShellState;
@@ -10,7 +12,6 @@ use bench::config::Side;
 use bench::device::jog::{Deadman, Seen, jog};
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;
-use std::sync::Arc;
 
 impl Motion {
     /// Moves an axis to `target` with its approach leg and returns the readback.

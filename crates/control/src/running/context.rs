@@ -1,6 +1,5 @@
 //! What a running job uses to say where it is, to ask the operator, and to notice that it is to end.
 
-use super::job::{Answer, Job};
 use std::collections::HashMap;
 use std::future::Future;
 use std::sync::atomic::{AtomicU32, Ordering};
@@ -11,6 +10,7 @@ use std::time::Duration;
 use tokio::sync::mpsc;
 
 use super::end::JobEnd;
+use super::job::{Answer, Job};
 use crate::clock::{JobClock, Part, enter};
 use crate::job::RecordingState;
 use crate::job::outcome::Outcome;

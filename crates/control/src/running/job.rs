@@ -1,5 +1,11 @@
 //! A running job as the service holds it: what it has come to, and how it is answered and cancelled.
 
+use std::sync::{Arc, Mutex, OnceLock, PoisonError};
+
+use tokio::sync::{broadcast, mpsc};
+use tokio_util::sync::CancellationToken;
+use uuid::Uuid;
+
 use super::context::JobContext;
 use crate::events::Event;
 use crate::history::journal::{Chronicle, Journal, Written};
@@ -8,10 +14,6 @@ use crate::job::{Recording, RecordingState};
 use crate::recording::FileSink;
 use crate::refusal::{Refusal, ServiceError};
 use bench::device::SimulatedOperator;
-use std::sync::{Arc, Mutex, OnceLock, PoisonError};
-use tokio::sync::{broadcast, mpsc};
-use tokio_util::sync::CancellationToken;
-use uuid::Uuid;
 
 /// One job as the service and its own task share it.
 pub(crate) struct Job {

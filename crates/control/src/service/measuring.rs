@@ -17,8 +17,9 @@ impl Service {
     /// many ask.
     ///
     /// # Errors
-    /// [`Refusal::SpansMotion`] where settled axes are demanded and one moves or settles; [`Refusal::NotMeasurable`]
-    /// where there is nothing to be measured; the camera's own error.
+    /// [`Refusal::SpansMotion`](crate::Refusal::SpansMotion) where settled axes are demanded and one moves or settles;
+    /// [`Refusal::NotMeasurable`](crate::Refusal::NotMeasurable) where there is nothing to be measured; the camera's own
+    /// error.
     pub async fn measure(&self, request: MeasurementRequest) -> Result<SingleMeasurement, ServiceError> {
         let _turn = self.measuring.lock().await;
         let measured = self.eye.measure_one(request).await?;

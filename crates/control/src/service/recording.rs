@@ -1,5 +1,7 @@
 //! Recordings of the service's jobs: where they are, what a job begins with, and a service that is to do the same.
 
+use std::path::PathBuf;
+
 use super::Service;
 use crate::budget::AirStep;
 use crate::budget::{AirPlace, BoardSeen};
@@ -13,8 +15,6 @@ use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::recording::{Place, file_name, folder, is_wanted, words};
 use crate::running::end::JobEnd;
 use crate::running::job::Job;
-use std::path::PathBuf;
-
 use bench::config::Config;
 use bench::device::{AxisName, Frame};
 use bench::record::messages::{self, JobStart};

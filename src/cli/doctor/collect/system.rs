@@ -6,8 +6,8 @@ use std::process::{Command, Stdio};
 
 use jiff::Timestamp;
 
-use crate::api::jpeg::TurboJpeg;
 use crate::cli::doctor::facts::SystemFacts;
+use crate::jpeg::TurboJpeg;
 
 /// There once the system's own client has set the clock.
 const TIMESYNCD: &str = "/run/systemd/timesync/synchronized";

@@ -1,14 +1,16 @@
 //! Frames at rest: waited for, and taken for what they are only where they show something new.
 
+use std::sync::{Arc, PoisonError};
+use std::time::Duration;
+
+use tokio::time::Instant;
+
 use super::Eye;
 use crate::clock::{Part, enter};
 use crate::recording::{Answer, Happening};
 use crate::running::end::JobEnd;
 use bench::device::{DeviceError, Frame};
 use plenoptics::raw::RawImage;
-use std::sync::{Arc, PoisonError};
-use std::time::Duration;
-use tokio::time::Instant;
 
 /// How long the axes may take to settle after a move that has ended.
 const SETTLING_ALLOWED: Duration = Duration::from_secs(10);

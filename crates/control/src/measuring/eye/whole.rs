@@ -1,5 +1,10 @@
 //! Frames measured in whole, away from the runtime's threads.
 
+use std::sync::Arc;
+use std::time::Duration;
+
+use tokio::time::Instant;
+
 use super::{Eye, Seen, SeenInAir, Unmeasured, blocking};
 use crate::events::{FieldMap, InView, MeasurementView};
 use crate::measuring::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
@@ -13,9 +18,6 @@ use plenoptics::imaging::clarity::{self, Sharpness};
 use plenoptics::imaging::measurement::evened;
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
-use std::sync::Arc;
-use std::time::Duration;
-use tokio::time::Instant;
 
 /// Frames that look as if the spacing had changed while the shutter was open are taken again this often: one alone may be
 /// wrong about it, or have caught the last of a movement.

@@ -1,11 +1,5 @@
 //! The meter beside whole measurements.
 
-use bench::config::Config;
-use bench::device::Setup;
-use bench::store::Store;
-use plenoptics::imaging::combined::Since;
-use plenoptics::raw::RawImage;
-
 use super::*;
 use crate::Service;
 use crate::budget::AirStep;
@@ -15,6 +9,11 @@ use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::calibrated::tests::preset;
 use crate::motion::lease::LeaseRequest;
 use crate::open_bench;
+use bench::config::Config;
+use bench::device::Setup;
+use bench::store::Store;
+use plenoptics::imaging::combined::Since;
+use plenoptics::raw::RawImage;
 
 /// A small simulated bench whose white frame is known.
 async fn ready() -> Arc<Service> {

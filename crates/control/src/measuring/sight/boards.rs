@@ -1,9 +1,10 @@
 //! Boards in air as calibrations of d and b.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::{CameraSeen, HoldB, Measured, Sight, Unseen};
 use crate::budget::BoardSeen;
 use crate::spacing::SpacingReading;
-use nalgebra::{DMatrix, DVector};
 use plenoptics::imaging::calibration::{Boards, Calibration, CalibrationError, CalibrationOptions, Level, fit_line};
 use plenoptics::imaging::measurement::MeasurementError;
 use plenoptics::optics::mla::a_from_spacing;

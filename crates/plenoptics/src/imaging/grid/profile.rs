@@ -14,11 +14,8 @@ mod sample;
 mod shift;
 
 use fourier::Complex;
-use mean::{Profile, smoothed};
 use nalgebra::{DMatrix, SMatrix};
 use rayon::prelude::*;
-use sample::{by_chance, halves};
-use shift::{ShiftTask, terms};
 
 use super::demodulate::Lens;
 use super::fit::{Fit, Model};
@@ -27,6 +24,9 @@ use super::harmonics::Harmonics;
 use super::phases::Phases;
 use super::{Grid, MicroImage, reciprocal};
 use crate::optics::ArrayKind;
+use mean::{Profile, smoothed};
+use sample::{by_chance, halves};
+use shift::{ShiftTask, terms};
 
 /// Bins of the mean profile per px.
 const BINS_PER_PX: f64 = 2.0;

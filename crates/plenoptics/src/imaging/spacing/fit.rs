@@ -1,5 +1,7 @@
 //! The fit of a spacing: from where it begins to where it rests.
 
+use std::slice;
+
 use super::search::Candidate;
 use super::solve::{Outcome, Solver};
 use super::{
@@ -10,7 +12,6 @@ use crate::imaging::matching::model::{FIELD_TERMS, Model, USUAL_TERMS};
 use crate::imaging::matching::normal::{LEAST_CORRELATION, noise_scale};
 use crate::imaging::matching::plan::GOLDEN;
 use crate::imaging::matching::pupil::Corrected;
-use std::slice;
 
 /// What a fit begins with.
 pub(super) fn begun(starts: &[f64], scales: &[f64], options: &SpacingOptions) -> Model {

@@ -35,10 +35,11 @@ mod search;
 mod smear;
 mod solve;
 
-use fit::{begun, fit, fit_from, led};
 use std::slice;
 
 use serde::Serialize;
+
+use fit::{begun, fit, fit_from, led};
 
 pub use boards::TwoBoards;
 pub(in crate::imaging) use boards::unevenness;

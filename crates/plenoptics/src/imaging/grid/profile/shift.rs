@@ -1,8 +1,9 @@
 //! By how much a micro-image is shifted against the mean one: its profile, and the vectors that tell a shift.
 
+use nalgebra::SVector;
+
 use super::{Shape, TERMS};
 use crate::imaging::grid::frame::{Frame, Window};
-use nalgebra::SVector;
 
 /// A micro-image's shift from its shape's place, compiled for the instruction set in use.
 pub(super) struct ShiftTask<'a> {

@@ -10,7 +10,7 @@ pub(super) fn symmetry(array: ArrayKind) -> f64 {
     }
 }
 
-/// The basis that [`Grid`] promises: the first vector's angle from +x within half the array's symmetry, the second that
+/// The basis that [`Grid`](crate::imaging::grid::Grid) promises: the first vector's angle from +x within half the array's symmetry, the second that
 /// symmetry further.
 pub(super) fn canonical(array: ArrayKind, basis: [[f64; 2]; 2]) -> [[f64; 2]; 2] {
     let period = symmetry(array);
