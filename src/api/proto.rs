@@ -50,7 +50,7 @@ pub struct Reading {
     /// Whether the frame was simulated.
     #[prost(bool, tag = "9")]
     pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     #[prost(bool, tag = "10")]
     pub replayed: bool,
     /// What became of the frame.
@@ -216,7 +216,7 @@ pub struct Frame {
     /// Raw pixels to a picture pixel, each way: 1, 2 or 4; 0 where a viewport was asked for.
     #[prost(uint32, tag = "15")]
     pub reduce: u32,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     #[prost(bool, tag = "16")]
     pub replayed: bool,
     /// End of the exposure on the daemon's machine's CLOCK_MONOTONIC, microseconds: no setting of the clock disturbs it.

@@ -7,8 +7,7 @@ use uuid::Uuid;
 
 use super::error::Problem;
 use crate::config::Side;
-use crate::control::events::LeaseView;
-use crate::control::events::{BenchView, MeasurementView, ShellState};
+use crate::control::events::{BenchView, LeaseView, MeasurementView, ShellState};
 use crate::control::job::JobSnapshot;
 use crate::whole::whole;
 

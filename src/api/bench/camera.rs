@@ -174,7 +174,7 @@ pub struct HistogramView {
     pub overexposed: bool,
     /// Whether the frame was simulated.
     pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     pub replayed: bool,
 }
 

@@ -12,10 +12,9 @@ use crate::api::error::{Problem, Result};
 use crate::api::extract::{JsonBody, Query};
 use crate::api::metrics::Arrived;
 use crate::api::types::ResetRequest;
-use crate::control::ServiceError;
-use crate::control::StopReport;
 use crate::control::events::StopView;
 use crate::control::field::words;
+use crate::control::{ServiceError, StopReport};
 
 /// Who stops.
 #[derive(Debug, serde::Deserialize, utoipa::IntoParams)]

@@ -35,7 +35,7 @@ use crate::device::Frame;
             ("Plenalign-Settled" = bool, description = "Whether both axes were at rest during the exposure"),
             ("Plenalign-Preview" = bool, description = "Whether this is a coarse picture for viewing only"),
             ("Plenalign-Simulated" = bool, description = "Whether the frame was simulated"),
-            ("Plenalign-Replayed" = bool, description = "Whether the frame is of old, played from a file"),
+            ("Plenalign-Replayed" = bool, description = "Whether the frame was recorded earlier and is played from a file"),
         )),
         (status = 304, description = "The frame named by If-None-Match is still the newest"),
         (status = 503, description = "No frame, or none fresh", body = Problem,

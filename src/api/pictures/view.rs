@@ -223,7 +223,7 @@ pub struct ViewReport {
     pub preview: bool,
     /// Whether the frame was simulated.
     pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     pub replayed: bool,
     /// Whether grid and vignetting come from a white frame; without, they come from the frame itself.
     pub white_frame: bool,

@@ -21,10 +21,9 @@ use tokio_util::sync::CancellationToken;
 use tokio_util::task::TaskTracker;
 
 use super::carried::Carrier;
-use super::plain;
 use super::slots::{Place, Reservation, Slot};
 use super::stall::Stall;
-use super::{InReserve, ServerSettings};
+use super::{InReserve, ServerSettings, plain};
 use crate::api::access::client::Peer;
 use crate::api::error::Problem;
 

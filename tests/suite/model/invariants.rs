@@ -87,7 +87,7 @@ pub(super) const ALL: &[Invariant] = &[
     },
     Invariant {
         name: "motion needs the lease in force",
-        said: Said(API, "Whoever takes the lease gets a key and shows it with everything that moves"),
+        said: Said(API, "Anyone who takes the lease gets a key and shows it with everything that moves"),
         broken: motion_needs_the_lease,
     },
     Invariant {
@@ -162,8 +162,8 @@ pub(super) const ALL: &[Invariant] = &[
         broken: confirmed_by_a_key,
     },
     Invariant {
-        name: "a confirm key confirms for whoever has it",
-        said: Said(API, "to be handed on to whoever stands at the bench: it answers this job's prompts"),
+        name: "a confirm key confirms for anyone who has it",
+        said: Said(API, "to be handed on to anyone who stands at the bench: it answers this job's prompts"),
         broken: a_confirm_key_confirms,
     },
     Invariant {
@@ -183,7 +183,7 @@ pub(super) const ALL: &[Invariant] = &[
     },
     Invariant {
         name: "a confirm key is made for administrators and the job's lease",
-        said: Said(API, "`POST …/confirm-key`, for administrators and whoever shows the job's lease"),
+        said: Said(API, "`POST …/confirm-key`, for administrators and anyone who shows the job's lease"),
         broken: who_gets_a_confirm_key,
     },
     Invariant {

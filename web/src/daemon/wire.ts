@@ -131,7 +131,7 @@ export interface PictureFacts {
   settled: boolean;
   preview: boolean;
   simulated: boolean;
-  /** Of old, played from a file. */
+  /** Recorded earlier, and played from a file. */
   replayed: boolean;
   framesSkipped: number;
   /** How many pictures in a row are of frames that are the same to the last pixel, this one counted. */

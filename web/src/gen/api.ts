@@ -1432,7 +1432,7 @@ export interface components {
       notes: string[];
       /** @description Whether frames arrive. */
       online: boolean;
-      /** @description Whether frames of old are played from files: nothing of what is seen is now. */
+      /** @description Whether recorded frames are played from files: nothing that is seen is happening now. */
       replay: boolean;
     };
     /** @description How clear the picture was. */
@@ -3793,7 +3793,7 @@ export interface components {
       levels_per_range: number;
       /** @description Whether that is too much: more than hot pixels and mirrored lamps make up. */
       overexposed: boolean;
-      /** @description Whether the frame is of old, played from a file. */
+      /** @description Whether the frame was recorded earlier and is played from a file. */
       replayed: boolean;
       /** @description Whether the frame was simulated. */
       simulated: boolean;
@@ -5708,7 +5708,7 @@ export interface components {
       exposed_from: string;
       /** @description Whether the exposure's begin and end are assumed, not the driver's word. */
       exposure_assumed: boolean;
-      /** @description Whether the frame is of old, played from a file. */
+      /** @description Whether the frame was recorded earlier and is played from a file. */
       replayed: boolean;
       /** @description Whether the frame was simulated. */
       simulated: boolean;
@@ -6121,7 +6121,7 @@ export interface components {
       pose_unknown?: string | null;
       /** @description Whether this is a coarse picture for viewing only. */
       preview: boolean;
-      /** @description Whether the frame is of old, played from a file. */
+      /** @description Whether the frame was recorded earlier and is played from a file. */
       replayed: boolean;
       /** @description Whether both axes were at rest during the whole exposure. */
       settled: boolean;
@@ -7836,7 +7836,7 @@ export interface operations {
           "Plenalign-Frame-Seq"?: number;
           /** @description Whether this is a coarse picture for viewing only */
           "Plenalign-Preview"?: boolean;
-          /** @description Whether the frame is of old, played from a file */
+          /** @description Whether the frame was recorded earlier and is played from a file */
           "Plenalign-Replayed"?: boolean;
           /** @description Whether both axes were at rest during the exposure */
           "Plenalign-Settled"?: boolean;

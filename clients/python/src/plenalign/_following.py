@@ -76,7 +76,7 @@ class Picture:
     simulated: bool
     """Whether it was simulated."""
     replayed: bool
-    """Whether it is of old, played from a file."""
+    """Whether it was recorded earlier and is played from a file."""
     age_ms: float
     """Age when it was sent, ms."""
     frames_skipped: int
@@ -134,7 +134,7 @@ class Reading:
     simulated: bool
     """Whether the frame was simulated."""
     replayed: bool
-    """Whether the frame is of old, played from a file."""
+    """Whether the frame was recorded earlier and is played from a file."""
     lost: bool
     """Whether the spacing could not be followed to this frame, and is searched for."""
     why: str | None

@@ -59,7 +59,7 @@ class Image:
     simulated: bool | None = None
     """Whether it was simulated."""
     replayed: bool | None = None
-    """Whether it is of old, played from a file."""
+    """Whether it was recorded earlier and is played from a file."""
     dropped: int | None = None
     """In a stream: frames that this viewer was not sent until now."""
 

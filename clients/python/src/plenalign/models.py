@@ -255,7 +255,7 @@ class CameraView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     online: bool
     """Whether frames arrive."""
     replay: bool
-    """Whether frames of old are played from files: nothing of what is seen is now."""
+    """Whether recorded frames are played from files: nothing that is seen is happening now."""
 
 
 class ClarityThen(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -722,7 +722,7 @@ class HistogramView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     overexposed: bool
     """Whether that is too much: more than hot pixels and mirrored lamps make up."""
     replayed: bool
-    """Whether the frame is of old, played from a file."""
+    """Whether the frame was recorded earlier and is played from a file."""
     simulated: bool
     """Whether the frame was simulated."""
 
@@ -2553,7 +2553,7 @@ class SingleMeasurement(MeasurementView, frozen=True, kw_only=True, omit_default
     exposure_assumed: bool
     """Whether the exposure's begin and end are assumed, not the driver's word."""
     replayed: bool
-    """Whether the frame is of old, played from a file."""
+    """Whether the frame was recorded earlier and is played from a file."""
     simulated: bool
     """Whether the frame was simulated."""
     spans_motion: bool
@@ -2591,7 +2591,7 @@ class ViewReport(DepthFigures, frozen=True, kw_only=True, omit_defaults=True):
     preview: bool
     """Whether this is a coarse picture for viewing only."""
     replayed: bool
-    """Whether the frame is of old, played from a file."""
+    """Whether the frame was recorded earlier and is played from a file."""
     settled: bool
     """Whether both axes were at rest during the whole exposure."""
     simulated: bool

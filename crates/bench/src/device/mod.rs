@@ -297,7 +297,7 @@ pub struct Frame {
     pub preview: bool,
     /// Whether this frame was simulated.
     pub simulated: bool,
-    /// Whether this frame is of old, played from a file.
+    /// Whether this frame was recorded earlier and is played from a file.
     pub replayed: bool,
 }
 
@@ -330,7 +330,7 @@ pub struct CameraState {
     pub white: Option<u16>,
     /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
     pub notes: Vec<String>,
-    /// Whether frames of old are played from files: nothing of what is seen is now.
+    /// Whether recorded frames are played from files: nothing that is seen is happening now.
     pub replay: bool,
     /// Why [`FrameSource::frame`] gives none of its frames, however many come: they are not fit to be measured.
     pub unfit: Option<String>,

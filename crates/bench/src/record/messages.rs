@@ -342,7 +342,7 @@ pub struct MeterReading {
     /// Whether the frame was simulated.
     #[prost(bool, tag = "9")]
     pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     #[prost(bool, tag = "10")]
     pub replayed: bool,
     /// What became of the frame: measured, lost or refused.

@@ -170,6 +170,7 @@ export const meter: typeof en.meter = {
   tiltNone: "keine erkennbar",
   tiltUntold: "Verkippung nicht angebbar",
   tiltUntoldMore: "vor der Hauptlinse stehen eine Stufentafel, zwei Tafeln oder keine",
+  tiltDoubted: "was vor der Hauptlinse steht, ist fraglich",
   tiltUnknown: "was vor der Hauptlinse steht, ist nicht bekannt",
   tiltUnsaid: "ob die Kugelschale montiert ist, ist nicht bekannt",
   below: (angle) => `unter ${angle}`,

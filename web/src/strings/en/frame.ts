@@ -16,7 +16,7 @@ export const frame = {
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
   replay: "REPLAY",
-  replayMore: "Frames of old are played from files: nothing of what is seen is now.",
+  replayMore: "Recorded frames are played from files: nothing that is seen is happening now.",
   connecting: "Connecting…",
   lost: "CONNECTION LOST",
   lostMore: "What is shown below is old. STOP may not get through: use the switch on the bench.",
@@ -76,7 +76,7 @@ export const stop = {
 
 export const signIn = {
   signIn: "Sign in",
-  more: "This daemon asks for a token: whoever administers it makes one with “plenalign token create”. What is under way at the bench goes on meanwhile, and STOP is out of reach here: the hardware emergency stop is not.",
+  more: "This daemon asks for a token: anyone who administers it makes one with “plenalign token create”. What is under way at the bench goes on meanwhile, and STOP is out of reach here: the hardware emergency stop is not.",
   signOut: "Sign out",
   token: "Token",
   handed: "The link that you have opened lets you confirm a job’s steps. Sign in, and they are before you.",

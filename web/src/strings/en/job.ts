@@ -127,17 +127,17 @@ export const job = {
     detail: "Its key is cut off or mistyped, so that it confirms nothing: open it again as it was sent.",
   },
   noKey: (owner: string) =>
-    `Only ${owner || "whoever started the job"} confirms this, or who has been handed the job's confirm key.`,
+    `Only ${owner || "the person who started the job"} confirms this, or who has been handed the job's confirm key.`,
   confirmKey: "Confirm key, or the link with it",
   useKey: "Use the key",
   noSuchKey: "There is no key in it: one is “confirm_” and 64 digits and letters.",
   handOn: "Let somebody else confirm",
   handOnMore:
-    "Whoever may command the bench and opens the link confirms what this job asks, and can do nothing else by it. It ends with the job.",
+    "Anyone who may command the bench and opens the link confirms what this job asks, and can do nothing else by it. It ends with the job.",
   link: "Link",
   renewKey: "Make another; the one before is dead",
   operator: (step: number) => `Your turn · no. ${step}`,
-  /** To whoever cannot confirm it. */
+  /** To those who cannot confirm it. */
   operators: (step: number) => `The operator’s turn · no. ${step}`,
   turn: "Your turn",
   operatorsTurn: "The operator’s turn",

@@ -179,6 +179,7 @@ export const meter = {
   tiltNone: "none that can be told",
   tiltUntold: "Tilt not told",
   tiltUntoldMore: "a board of several levels, two boards, or none, stand before the lens",
+  tiltDoubted: "what stands before the lens is in doubt",
   tiltUnknown: "what stands before the lens is not known",
   tiltUnsaid: "whether the shell is on is not known",
   below: (angle: string) => `below ${angle}`,

@@ -74,28 +74,28 @@ export const settings = {
   tokenUnused: "never",
   tokenCreate: "Make a token",
   tokenFirst:
-    "With the first token everybody is asked for one from then on: whoever else has this page open is out until they have one.",
+    "With the first token everybody is asked for one from then on: anyone else who has this page open is out until they have one.",
   tokenFirstMore:
     "This browser signs in with it by itself. Its secret is shown once: keep it, you need it in every other browser.",
   tokenFirstLess:
-    "This browser signs in with it by itself, and may then make no other: you lock yourself out of the settings, and only whoever is at the daemon’s machine can make another (“plenalign token create”).",
+    "This browser signs in with it by itself, and may then make no other: you lock yourself out of the settings, and only someone at the daemon’s machine can make another (“plenalign token create”).",
   tokenFirstYes: "Make it",
   tokenFirstNo: "Don’t",
   tokenSecret: (name: string) => `The secret of ${name}.`,
-  tokenSecretMore: "It is shown only now, and kept nowhere. Whoever has it gets in.",
+  tokenSecretMore: "It is shown only now, and kept nowhere. Anyone who has it gets in.",
   tokenCopy: "Copy",
   tokenCopied: "Copied.",
   tokenNotCopied: "This browser does not let the page copy: it is selected, copy it by hand.",
   tokenKept: "I have kept it",
   tokenRevoke: "Revoke",
   tokenRevokeMore: (name: string) => `Revoke the token of ${name}`,
-  tokenSure: (name: string) => `Revoke the token of ${name}? Whoever uses it is out at once.`,
+  tokenSure: (name: string) => `Revoke the token of ${name}? Anyone who uses it is out at once.`,
   tokenMine: "This browser is signed in with it: you lock yourself out.",
   tokenLastOne:
-    "It is the last one: everybody is locked out, and only whoever is at the daemon’s machine can make another (“plenalign token create”).",
+    "It is the last one: everybody is locked out, and only someone at the daemon’s machine can make another (“plenalign token create”).",
   tokenLastAdmin:
-    "It is the last one that may do everything: only whoever is at the daemon’s machine can make another (“plenalign token create”).",
+    "It is the last one that may do everything: only someone at the daemon’s machine can make another (“plenalign token create”).",
   tokenYes: "Revoke it",
   tokenNo: "Keep it",
-  tokenNone: "There are no tokens: whoever reaches the daemon may command it.",
+  tokenNone: "There are no tokens: anyone who reaches the daemon may command it.",
 };

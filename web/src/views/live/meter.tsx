@@ -127,6 +127,7 @@ export function Meter(earlier: Given) {
 function whyNoTilt({ bench, reading }: State): string {
   if (reading?.direction === "unsaid") return strings.meter.tiltUnsaid;
   if (reading?.direction === "unasked") return strings.meter.tiltUnknown;
+  if (reading?.direction === "doubted") return strings.meter.tiltDoubted;
   const known = bench?.in_view !== "unknown" || ofSeveral(reading) !== null;
   return known ? strings.meter.tiltUntoldMore : strings.meter.tiltUnknown;
 }

@@ -1,4 +1,4 @@
-//! Frames of old, played from files, or from recordings: for whoever has frames and no camera. Never taken for live: every frame and the
+//! Recorded frames, played from files, or from recordings: for whoever has frames and no camera. Never taken for live: every frame and the
 //! state say that it is a replay, no frame has a pose, and none is given to a measurement that drives axes.
 
 use std::path::{Path, PathBuf};
@@ -21,7 +21,7 @@ const ENDINGS: [&str; 6] = ["png", "tif", "tiff", "pgm", "pnm", record::ENDING];
 /// So many refused files are named; the others are counted.
 const NAMED: usize = 3;
 /// Why no job is given a frame.
-const UNFIT: &str = "frames of old say nothing of where the axes are now: they can be viewed, and measured one by one with \
+const UNFIT: &str = "recorded frames say nothing of where the axes are now: they can be viewed, and measured one by one with \
                      `plenalign measure`, but no axis is driven by them";
 /// Without a file that can be played, the folder is looked at again this often.
 const LOOK_AGAIN: Duration = Duration::from_secs(2);
@@ -234,7 +234,7 @@ impl Player {
 
     fn tell(&self, files: usize, refused: &[String]) {
         let mut notes = vec![format!(
-            "a replay of {files} file{}: frames of old, whose time and pose are not known",
+            "a replay of {files} file{}: recorded frames, whose time and pose are not known",
             if files == 1 { "" } else { "s" }
         )];
         if !refused.is_empty() {

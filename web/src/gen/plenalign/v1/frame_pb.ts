@@ -133,7 +133,7 @@ export type Reading = Message<"plenalign.v1.Reading"> & {
   simulated: boolean;
 
   /**
-   * Whether the frame is of old, played from a file.
+   * Whether the frame was recorded earlier and is played from a file.
    *
    * @generated from field: bool replayed = 10;
    */
@@ -526,7 +526,7 @@ export type Frame = Message<"plenalign.v1.Frame"> & {
   reduce: number;
 
   /**
-   * Whether the frame is of old, played from a file.
+   * Whether the frame was recorded earlier and is played from a file.
    *
    * @generated from field: bool replayed = 16;
    */
