@@ -74,7 +74,7 @@ pub struct CameraView {
     pub frames_damaged: u64,
     /// What is to be known about its frames, one sentence each: a clock that lies, pixels saturated.
     pub notes: Vec<String>,
-    /// Whether frames of old are played from files: nothing of what is seen is now.
+    /// Whether recorded frames are played from files: nothing that is seen is happening now.
     pub replay: bool,
     /// Sequence number of the newest frame.
     pub frame_seq: Option<u64>,
@@ -346,6 +346,6 @@ pub struct SingleMeasurement {
     pub exposure_assumed: bool,
     /// Whether the frame was simulated.
     pub simulated: bool,
-    /// Whether the frame is of old, played from a file.
+    /// Whether the frame was recorded earlier and is played from a file.
     pub replayed: bool,
 }

@@ -7,9 +7,8 @@ use std::time::Duration;
 
 use futures_util::{SinkExt as _, StreamExt as _};
 use plenalign::access::{Gate, GateSettings, TokenStore};
-use plenalign::api::Api;
-use plenalign::api::IN_RESERVE;
 use plenalign::api::server::{Connections, ServerSettings};
+use plenalign::api::{Api, IN_RESERVE};
 use plenalign::config::ConfigOrigin;
 use plenalign::control::Service;
 use plenalign::control::service::history::HistoryAudit;

@@ -1,8 +1,7 @@
 //! The air step: boards up, the moves of [`crate::loops::air`] carried out, e taken to where the shell is mounted.
 
 use super::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
-use crate::budget::AirStep;
-use crate::budget::{AirPlace, BoardSeen};
+use crate::budget::{AirPlace, AirStep, BoardSeen};
 use crate::job::IterationKind;
 use crate::loops::air::{AirDecision, AirLoop, AirObservation};
 use crate::loops::axis_model::{AxisModel, check_move};

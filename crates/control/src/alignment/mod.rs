@@ -1,15 +1,15 @@
 //! The joint alignment, from the first homing to the report: the order of steps, the operator's part, and what is kept
 //! of each. Its two loops are carried out in [`crate::alignment::air_step`] and [`crate::alignment::shell_step`].
 
-pub(crate) mod air_step;
-pub(crate) mod l_bound;
-pub(crate) mod record;
-pub(crate) mod report;
+mod air_step;
+mod l_bound;
+mod record;
+mod report;
 pub(crate) mod runner;
-pub(crate) mod shell_step;
-pub(crate) mod survey;
-pub(crate) mod tasks;
-pub(crate) mod way_in;
+mod shell_step;
+mod survey;
+mod tasks;
+mod way_in;
 
 use std::sync::Arc;
 

@@ -6,11 +6,9 @@ use std::time::Duration;
 
 use futures_util::FutureExt as _;
 
-use super::report;
-use super::{Alignment, Findings};
+use super::{Alignment, Findings, report};
 use crate::clock::{Part, enter};
-use crate::job::word;
-use crate::job::{JobKind, JobState};
+use crate::job::{JobKind, JobState, word};
 use crate::measuring::eye::Eye;
 use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::motion::{Admission, Motion};

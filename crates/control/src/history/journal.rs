@@ -10,10 +10,8 @@ use serde_json::{Value, json};
 use uuid::Uuid;
 
 use crate::bench_name::bench_name;
-use crate::events::SingleMeasurement;
-use crate::events::{MeasurementView, StopView};
-use crate::job::word;
-use crate::job::{JobSnapshot, JobState, OperatorStep};
+use crate::events::{MeasurementView, SingleMeasurement, StopView};
+use crate::job::{JobSnapshot, JobState, OperatorStep, word};
 use crate::recording::{Happening, Sink};
 use crate::refusal::{Refusal, ServiceError};
 use bench::config::{BenchConfig, Config};

@@ -7,10 +7,9 @@ use utoipa::ToSchema;
 use uuid::Uuid;
 
 use crate::events::MeasurementView;
-use crate::job::steps;
-use crate::job::word;
-use crate::job::{JobKind, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Stage};
-use crate::job::{Recording, RecordingState};
+use crate::job::{
+    JobKind, JobSnapshot, JobState, LogLine, OperatorStep, Progress, Recording, RecordingState, Stage, steps, word,
+};
 use bench::store::records::{self, Move, Picture};
 use bench::store::{JobFilter, Page, Store, StoreError, read};
 

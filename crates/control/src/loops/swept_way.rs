@@ -1,7 +1,6 @@
 //! The way of an axis that is swept, as the picture has it beside the axis's own readings. Pure.
 
-use super::axis_model::READBACK_TOLERANCE_MM;
-use super::axis_model::{MoveFault, SCALE_FAULT, TELLING, check_move};
+use super::axis_model::{MoveFault, READBACK_TOLERANCE_MM, SCALE_FAULT, TELLING, check_move};
 use super::calibrated::CalibratedCamera;
 use bench::device::AxisName;
 use plenoptics::optics::mla;

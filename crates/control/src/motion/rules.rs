@@ -2,8 +2,7 @@
 
 use super::{EKnown, Motion, State, index};
 use crate::events::ShellState;
-use crate::loops::axis_model::AxisModel;
-use crate::loops::axis_model::READBACK_TOLERANCE_MM;
+use crate::loops::axis_model::{AxisModel, READBACK_TOLERANCE_MM};
 use crate::loops::room::{EAxis, Room};
 use crate::refusal::{Refusal, ServiceError};
 use bench::config::Side;

@@ -4,8 +4,7 @@ use serde::de::DeserializeOwned;
 
 use super::{Answer, End};
 use crate::events::{FieldMap, MeasurementView, TwoBoardsView};
-use crate::job::word;
-use crate::job::{Iteration, LogLine};
+use crate::job::{Iteration, LogLine, word};
 use crate::reading::{NoReading, Reading};
 use crate::spacing::SpacingReading;
 use bench::device::replayed::OPERATOR;
@@ -18,7 +17,7 @@ use bench::record::{messages, stamp, time};
 use plenoptics::imaging::spacing::LensState;
 use plenoptics::units::Millimetres;
 
-/// Micro-images drawn on a frame, at most: of more, every so manieth.
+/// Micro-images drawn on a frame, at most: of more, one in so many.
 const MOST_DRAWN: usize = 2000;
 /// A deviation of the spacing that is drawn in full colour, px.
 const FULL_COLOUR_PX: f64 = 0.5;

@@ -12,11 +12,11 @@ use tokio::sync::mpsc;
 use super::end::JobEnd;
 use super::job::{Answer, Job};
 use crate::clock::{JobClock, Part, enter};
-use crate::job::RecordingState;
 use crate::job::outcome::Outcome;
-use crate::job::steps::PlannedStep;
-use crate::job::steps::{self, JobStep, Repeatable};
-use crate::job::{Iteration, JobSnapshot, JobState, LogLine, Measure, OperatorStep, Report, Stage, TimeSpent};
+use crate::job::steps::{self, JobStep, PlannedStep, Repeatable};
+use crate::job::{
+    Iteration, JobSnapshot, JobState, LogLine, Measure, OperatorStep, RecordingState, Report, Stage, TimeSpent,
+};
 use crate::recording::{End, Happening};
 use bench::device::{Setup, SimulatedOperator};
 use bench::store::records::Picture;

@@ -1,22 +1,22 @@
 //! What callers hold: the bench with its motion rules, the one job, and what happens.
 
-pub(crate) mod by_hand;
+mod by_hand;
 pub(crate) mod confirm_key;
-pub(crate) mod exposure;
-pub(crate) mod health;
+mod exposure;
+mod health;
 pub mod history;
 pub(crate) mod jobs;
 pub mod light;
 pub mod look;
 mod measuring;
 pub mod pose;
-pub(crate) mod press;
+mod press;
 pub mod recent;
-pub(crate) mod recording;
-pub(crate) mod retention;
-pub(crate) mod simulated;
-pub(crate) mod stopping;
-pub(crate) mod watchers;
+mod recording;
+mod retention;
+mod simulated;
+mod stopping;
+mod watchers;
 
 use std::collections::HashMap;
 use std::sync::atomic::{AtomicBool, AtomicU64, Ordering};
@@ -28,8 +28,7 @@ use tokio::time::Instant;
 use tokio_util::sync::CancellationToken;
 use uuid::Uuid;
 
-use crate::events::LeaseView;
-use crate::events::{AxisView, BenchView, CameraView, Event, FieldMap, MeasurementView};
+use crate::events::{AxisView, BenchView, CameraView, Event, FieldMap, LeaseView, MeasurementView};
 use crate::history::journal::Journal;
 use crate::job::JobSnapshot;
 use crate::measuring::eye::Eye;

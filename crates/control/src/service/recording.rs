@@ -3,12 +3,9 @@
 use std::path::PathBuf;
 
 use super::Service;
-use crate::budget::AirStep;
-use crate::budget::{AirPlace, BoardSeen};
+use crate::budget::{AirPlace, AirStep, BoardSeen};
 use crate::events::InView;
-use crate::job::JobSnapshot;
-use crate::job::Recording;
-use crate::job::word;
+use crate::job::{JobSnapshot, Recording, word};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
 use crate::measuring::eye::frames::OLD_PICTURE;

@@ -1,14 +1,13 @@
 //! The meter beside whole measurements.
 
 use super::*;
-use crate::Service;
 use crate::budget::AirStep;
 use crate::events::{Event, InView, ShellState, TargetSource, TwoBoardsView};
 use crate::job::{JobKind, JobRequest};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::calibrated::tests::preset;
 use crate::motion::lease::LeaseRequest;
-use crate::open_bench;
+use crate::{Service, open_bench};
 use bench::config::Config;
 use bench::device::Setup;
 use bench::store::Store;
