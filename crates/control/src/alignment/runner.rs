@@ -10,7 +10,6 @@ use super::{Alignment, Findings, report};
 use crate::clock::{Part, enter};
 use crate::job::{JobKind, JobState, word};
 use crate::measuring::eye::Eye;
-use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::motion::{Admission, Motion};
 use crate::running::context::JobContext;
 use crate::running::end::JobEnd;
@@ -64,18 +63,12 @@ pub(crate) async fn run(
         // A stop cancels the job that it cuts short, but what was asked before it is why the job ends.
         Err(JobEnd::Cancelled { why }) => (JobState::Cancelled, context.cancelled_why().unwrap_or(why)),
         Err(JobEnd::NotConverged { why }) => (JobState::NotConverged, why),
-        Err(JobEnd::Failed { why } | JobEnd::Unmeasurable { why } | JobEnd::TwoBoards { why, .. }) => {
-            (JobState::Failed, why)
+        Err(end) => {
+            if let JobEnd::NotFollowed(fault) = &end {
+                astray = fault.is_astray().then(|| fault.axis());
+            }
+            (JobState::Failed, end.why())
         }
-        Err(JobEnd::OldPicture) => (JobState::Failed, OLD_PICTURE.to_owned()),
-        Err(JobEnd::NotFollowed(fault)) => {
-            astray = fault.is_astray().then(|| fault.axis());
-            (JobState::Failed, fault.to_string())
-        }
-        Err(JobEnd::Repeat(_)) => (
-            JobState::Failed,
-            "a step was asked for again where none can be; this is a defect of the program".to_owned(),
-        ),
     };
     let good = matches!(state, JobState::Converged | JobState::Succeeded);
     bring_to_rest(context, motion, !good).await;

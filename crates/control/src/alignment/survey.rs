@@ -14,7 +14,6 @@ use crate::loops::swept_way::{Shows, SweptWay};
 use crate::loops::through_focus;
 use crate::loops::through_focus::Point;
 use crate::measuring::eye::Seen;
-use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::plan::AirBoards;
 use crate::running::end::JobEnd;
 use bench::device::{AxisName, Setup};
@@ -165,8 +164,7 @@ impl Alignment<'_> {
             let seen = match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
                 Ok(seen) => Ok(seen),
                 // Somebody steps between, or the light goes out: hours of a watch are not lost by it.
-                Err(JobEnd::Unmeasurable { why }) => Err(why),
-                Err(JobEnd::OldPicture) => Err(OLD_PICTURE.to_owned()),
+                Err(end @ (JobEnd::Unmeasurable { .. } | JobEnd::OldPicture)) => Err(end.why()),
                 Err(end) => return Err(end),
             };
             let taken = match &seen {

@@ -16,13 +16,13 @@ use jiff::Timestamp;
 use tokio::sync::{Notify, broadcast, watch};
 
 use super::at_rest::AtRest;
-use super::eye::frames::OLD_PICTURE;
 use super::eye::{Eye, Unmeasured};
 use super::meter::doubt::Doubt;
 use super::sight::Sight;
 use crate::events::{InView, MeasurementView};
 use crate::reading::{NoReading, Reading, SEARCHING};
 use crate::recording::{Happening, words};
+use crate::running::end::OLD_PICTURE;
 use bench::device::Frame;
 use bench::record::messages::MeterReading;
 use bench::telemetry::{self, ReadingOutcome};

@@ -6,6 +6,10 @@ use crate::loops::axis_model::MoveFault;
 use crate::refusal::{Refusal, ServiceError};
 use bench::device::DeviceError;
 
+/// What is said of a frame that has the very picture of one before it.
+pub(crate) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
+                                      as if it were new; unplug it and plug it in again";
+
 /// Why a job ends before it has converged.
 #[derive(Debug, Clone, PartialEq)]
 pub(crate) enum JobEnd {
@@ -47,6 +51,22 @@ pub(crate) enum JobEnd {
 impl JobEnd {
     pub(crate) fn failed(why: impl Into<String>) -> Self {
         Self::Failed { why: why.into() }
+    }
+
+    /// Why, in words.
+    pub(crate) fn why(self) -> String {
+        match self {
+            Self::Failed { why }
+            | Self::TwoBoards { why, .. }
+            | Self::Unmeasurable { why }
+            | Self::Cancelled { why }
+            | Self::NotConverged { why } => why,
+            Self::OldPicture => OLD_PICTURE.to_owned(),
+            Self::NotFollowed(fault) => fault.to_string(),
+            Self::Repeat(_) => {
+                "a step was asked for again where none can be; this is a defect of the program".to_owned()
+            }
+        }
     }
 }
 

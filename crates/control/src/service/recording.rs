@@ -8,7 +8,6 @@ use crate::events::InView;
 use crate::job::{JobSnapshot, Recording, word};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
-use crate::measuring::eye::frames::OLD_PICTURE;
 use crate::recording::{Place, file_name, folder, is_wanted, words};
 use crate::running::end::JobEnd;
 use crate::running::job::Job;
@@ -147,16 +146,7 @@ impl Service {
             }
         }
         if let Some(white) = white {
-            self.eye.learn(white.into()).await.map_err(|end| match end {
-                JobEnd::Failed { why }
-                | JobEnd::TwoBoards { why, .. }
-                | JobEnd::Unmeasurable { why }
-                | JobEnd::Cancelled { why }
-                | JobEnd::NotConverged { why } => why,
-                JobEnd::OldPicture => OLD_PICTURE.to_owned(),
-                JobEnd::NotFollowed(fault) => fault.to_string(),
-                JobEnd::Repeat(_) => "a step was asked for again where none was asked".to_owned(),
-            })?;
+            self.eye.learn(white.into()).await.map_err(JobEnd::why)?;
         }
         Ok(())
     }

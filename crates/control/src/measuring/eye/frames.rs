@@ -8,7 +8,7 @@ use tokio::time::Instant;
 use super::Eye;
 use crate::clock::{Part, enter};
 use crate::recording::{Answer, Happening};
-use crate::running::end::JobEnd;
+use crate::running::end::{JobEnd, OLD_PICTURE};
 use bench::device::{DeviceError, Frame};
 use plenoptics::raw::RawImage;
 
@@ -20,12 +20,7 @@ const FRAME_TRIES: u32 = 5;
 
 /// Levels between which a pixel's noise shows, as shares of white, and the share of such pixels by which a frame is known.
 const NOISY: [f32; 2] = [0.1, 0.9];
-
 const LEAST_NOISY: f64 = 0.01;
-
-/// What is said of a frame that has the very picture of one before it.
-pub(crate) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
-                                      as if it were new; unplug it and plug it in again";
 
 /// A frame has the very picture of one before it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
