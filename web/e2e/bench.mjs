@@ -490,7 +490,7 @@ try {
   );
   await open(ana.page, "Settings");
   const tokens = ana.page.locator(".tokens");
-  await tokens.getByText("whoever reaches the daemon may command it").waitFor();
+  await tokens.getByText("anyone who reaches the daemon may command it").waitFor();
   await tokens.locator("#token-name").fill("Ana");
   await tokens.getByRole("button", { name: "may look and stop" }).click();
   await tokens.getByRole("button", { name: "Make a token" }).click();
