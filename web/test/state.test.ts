@@ -14,7 +14,7 @@ import {
   type State,
 } from "../src/state";
 import { NO_ANSWER } from "../src/daemon/no-answer";
-import type { Bench, ServerMessage } from "../src/daemon/wire";
+import type { Bench, Job, ServerMessage, Setup } from "../src/daemon/wire";
 import { bestAnew, reading as readingIn } from "../src/meter/reading";
 import { isBeingSetUp, knowsMotion, showsTilt } from "../src/meter/set-up";
 import { along, axisScale } from "../src/bench/travel";
@@ -395,6 +395,14 @@ describe("the bench anew", () => {
     // The aperture is set before the board that stands there.
     expect(isBeingSetUp({ ...bench, in_view: "flat_board" }, waiting)).toBe(false);
     expect([isBeingSetUp(bench, job("a", 1)), isBeingSetUp(bench, null)]).toEqual([false, false]);
+    // Confirmed, until the bench has said what stands there.
+    const goesOn = (setup: Setup): Job => ({
+      ...job("a", 2),
+      steps: [{ name: "step", state: "now", setup }],
+    });
+    expect(isBeingSetUp(bench, goesOn({ type: "diffuser" }))).toBe(true);
+    expect(isBeingSetUp({ ...bench, in_view: "other" }, goesOn({ type: "diffuser" }))).toBe(false);
+    expect(isBeingSetUp(bench, goesOn({ type: "aperture", diameter_mm: 6, ring_f_number: 4 }))).toBe(false);
     expect([knowsMotion(bench), knowsMotion(null)]).toEqual([true, false]);
     const unplugged = bench.axes.map((axis) => ({ ...axis, connected: axis.axis === "e" }));
     expect(knowsMotion({ ...bench, axes: unplugged })).toBe(false);

@@ -8,9 +8,12 @@ export function setUpAt(bench: Bench | null): number {
   return Number.isFinite(at) ? at : -Infinity;
 }
 
-/** Whether the operator is at it: nothing is known of the scene until it is confirmed. */
+/** Whether the operator is at it: nothing is known of the scene until it is confirmed, and the bench tells what stands there. */
 export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
-  return job?.state === "waiting_for_operator" && bench?.in_view === "unknown";
+  if (bench?.in_view !== "unknown" || !job) return false;
+  // The job goes on a moment before the bench says so. An aperture that is set leaves before the lens what stands there.
+  const setup = job.steps?.find(({ state }) => state === "now")?.setup;
+  return job.state === "waiting_for_operator" || ((setup ?? null) !== null && setup?.type !== "aperture");
 }
 
 /** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's, and one of which
