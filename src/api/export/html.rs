@@ -34,6 +34,7 @@ text.y { text-anchor: end; } text.x, text.unit { text-anchor: middle; }
 figure { margin: 0; } figcaption { font-size: 12px; color: #444; } .pair { display: flex; gap: 1rem; flex-wrap: wrap; }
 .pair img { width: 22rem; max-width: 100%; image-rendering: pixelated; border: 1px solid #999; }
 pre { white-space: pre-wrap; font-size: 11px; } .quiet { color: #555; }
+@media screen and (max-width: 40rem) { table { display: block; overflow-x: auto; } pre { overflow-wrap: anywhere; } }
 @media print { body { margin: 0; max-width: none; } h2, figure, tr { break-inside: avoid; } h2 { break-after: avoid; } }
 ";
 
