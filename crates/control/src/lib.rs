@@ -7,8 +7,8 @@
 //!  replay                                      a recorded job done once more, and compared
 //!  service                                     what callers ask for: jobs, moves by hand, stops, measurements, the history
 //!  alignment                                   the jobs from their first step to their report
-//!  measuring                                   what the camera tells: frames at rest and in motion, what is read from them
 //!  running                                     a job as it runs: what it is told and says, how it ends
+//!  measuring                                   what the camera tells: frames at rest and in motion, what is read from them
 //!  motion                                      rules, leases and latch under which an axis moves, and moving it
 //!  history                                     how what is done is written down, and read again
 //!  recording                                   a job as it is recorded

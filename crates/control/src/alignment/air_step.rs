@@ -7,6 +7,7 @@ use crate::loops::air::{AirDecision, AirLoop, AirObservation};
 use crate::loops::axis_model::{AxisModel, check_move};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::measuring::eye::Seen;
+use crate::measuring::not_measured::NotMeasured;
 use crate::measuring::sight::{CameraSeen, HoldB};
 use crate::plan::{AirBoards, Arrangement, Plan};
 use crate::running::end::JobEnd;
@@ -81,13 +82,13 @@ impl Alignment<'_> {
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let (observation, seen) = match self.observe_air(standing, plan, frames).await {
-                Err(JobEnd::Unmeasurable { why }) if self.may_change_to_flat(standing) => {
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if self.may_change_to_flat(standing) => {
                     self.context.log(format!("{why}: {IN_TURN}"));
                     (*plan, boards) = (plan.with_flat_board(), None);
                     continue;
                 }
                 // Later what was predicted from the pictures before would have to be wrong.
-                Err(JobEnd::Unmeasurable { why }) if air.model().is_none() => {
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if air.model().is_none() => {
                     self.way_in_air(standing, plan, why).await?
                 }
                 looked => looked?,

@@ -22,6 +22,7 @@ use crate::loops::axis_model::AxisModel;
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::shell::ShellObservation;
 use crate::measuring::eye::{Eye, Seen};
+use crate::measuring::not_measured::NotMeasured;
 use crate::motion::{Admission, Motion};
 use crate::plan::{AirBoards, Obstacle, Plan};
 use crate::refusal::{Refusal, ServiceError};
@@ -325,8 +326,10 @@ impl Alignment<'_> {
             tries -= 1;
             match self.context.unless_cancelled(self.eye.take_white()).await {
                 // It may have hung since long before, and be of anything.
-                Err(JobEnd::OldPicture) if tries > 0 => OLD_WHITE.clone_into(&mut why),
-                Err(JobEnd::Unmeasurable { why: unfit }) if tries > 0 => why = format!("{unfit}. "),
+                Err(JobEnd::NotMeasured(NotMeasured::OldPicture)) if tries > 0 => OLD_WHITE.clone_into(&mut why),
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why: unfit })) if tries > 0 => {
+                    why = format!("{unfit}. ");
+                }
                 found => break found?,
             }
         };

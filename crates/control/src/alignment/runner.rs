@@ -50,13 +50,7 @@ pub(crate) async fn run(
     let mut astray = None;
     let (state, reason) = match ended {
         // Whatever a device says of a motion that a stop has cut short, it was the stop.
-        Err(
-            JobEnd::Failed { .. }
-            | JobEnd::Unmeasurable { .. }
-            | JobEnd::OldPicture
-            | JobEnd::TwoBoards { .. }
-            | JobEnd::NotFollowed(_),
-        ) if motion.stop_view().latched => {
+        Err(JobEnd::Failed { .. } | JobEnd::NotMeasured(_) | JobEnd::NotFollowed(_)) if motion.stop_view().latched => {
             (JobState::Cancelled, context.cancelled_why().unwrap_or_else(|| "stopped".to_owned()))
         }
         Ok(()) => done(kind),

@@ -12,6 +12,7 @@ use crate::loops::mistake::ShellLook;
 use crate::loops::room::{Contact, Room};
 use crate::loops::shell::{ShellDecision, ShellLoop, ShellObservation};
 use crate::measuring::eye::Seen;
+use crate::measuring::not_measured::NotMeasured;
 use crate::plan::Plan;
 use crate::running::end::JobEnd;
 use bench::config::ShellStep;
@@ -64,7 +65,7 @@ impl Alignment<'_> {
             let seen = self.spacing_at_rest(kind, frames).await;
             let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm, trim_bound_mm: 0.0 };
             let seen = match seen {
-                Err(JobEnd::Unmeasurable { why }) if first_look => {
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
                     return Err(self.look_through_shell(&look, plan, why).await);
                 }
                 seen => seen?,

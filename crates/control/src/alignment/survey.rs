@@ -14,6 +14,7 @@ use crate::loops::swept_way::{Shows, SweptWay};
 use crate::loops::through_focus;
 use crate::loops::through_focus::Point;
 use crate::measuring::eye::Seen;
+use crate::measuring::not_measured::NotMeasured;
 use crate::plan::AirBoards;
 use crate::running::end::JobEnd;
 use bench::device::{AxisName, Setup};
@@ -66,8 +67,10 @@ impl Alignment<'_> {
                     self.check_way(way.as_mut(), sweep.axis, &seen)?;
                 }
                 // Out of the range of focus is what a sweep may well run into.
-                Err(JobEnd::Unmeasurable { why }) => self.context.log(format!("nothing measured at {to:.3} mm: {why}")),
-                Err(JobEnd::TwoBoards { why, spacings_px }) => {
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) => {
+                    self.context.log(format!("nothing measured at {to:.3} mm: {why}"));
+                }
+                Err(JobEnd::NotMeasured(NotMeasured::TwoBoards { why, spacings_px })) => {
                     self.context.log(format!("nothing measured at {to:.3} mm: {why}"));
                     two_boards.push((why, spacings_px));
                 }
@@ -133,7 +136,7 @@ impl Alignment<'_> {
     async fn look_on_the_way(&self, way: Option<&mut SweptWay>, axis: AxisName) -> Result<(), JobEnd> {
         match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
             Ok(seen) => self.check_way(way, axis, &seen),
-            Err(JobEnd::Unmeasurable { .. } | JobEnd::TwoBoards { .. }) => Ok(()),
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. } | NotMeasured::TwoBoards { .. })) => Ok(()),
             Err(end) => Err(end),
         }
     }
@@ -164,7 +167,9 @@ impl Alignment<'_> {
             let seen = match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
                 Ok(seen) => Ok(seen),
                 // Somebody steps between, or the light goes out: hours of a watch are not lost by it.
-                Err(end @ (JobEnd::Unmeasurable { .. } | JobEnd::OldPicture)) => Err(end.why()),
+                Err(JobEnd::NotMeasured(gap @ (NotMeasured::Unmeasurable { .. } | NotMeasured::OldPicture))) => {
+                    Err(gap)
+                }
                 Err(end) => return Err(end),
             };
             let taken = match &seen {

@@ -7,6 +7,7 @@ use crate::loops::air::AirObservation;
 use crate::loops::axis_model::follows;
 use crate::loops::mistake::ShellLook;
 use crate::measuring::eye::Seen;
+use crate::measuring::not_measured::NotMeasured;
 use crate::plan::{AirBoards, Plan};
 use crate::running::end::JobEnd;
 use bench::device::AxisName;
@@ -103,14 +104,14 @@ impl Alignment<'_> {
         let mut way = self.way_in(plan);
         loop {
             if let Err(lost) = self.follow(&mut way, self.sharpness().await?).await? {
-                return Err(JobEnd::Unmeasurable { why: format!("{why}; {lost}") });
+                return Err(NotMeasured::Unmeasurable { why: format!("{why}; {lost}") }.into());
             }
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
             if self.retook_far_white(reading_mm, plan).await? {
                 self.place(boards).await?;
             }
             let here = match self.observe_air(boards, plan, 1).await {
-                Err(JobEnd::Unmeasurable { .. }) => continue,
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => continue,
                 seen => seen?.0,
             };
             // Far out of focus a spacing may be a chance: the picture has to follow.
@@ -118,7 +119,7 @@ impl Alignment<'_> {
             self.context.doing("way in: does the picture follow?");
             self.go(AxisName::Focus, reading_mm + back_mm).await?;
             match self.observe_air(boards, plan, 1).await {
-                Err(JobEnd::Unmeasurable { .. }) => {}
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => {}
                 Err(end) => return Err(end),
                 Ok(there) if has_followed(&here, &there.0) => return Ok(there),
                 Ok(_) => self.context.log("a picture can be measured, but does not follow the axis"),
@@ -168,7 +169,7 @@ impl Alignment<'_> {
                     Some((energy, at_mm, seen)) if energy.energy > sharpness.energy => return Ok(Ok((at_mm, seen))),
                     _ => sharpest = Some((sharpness, self.motion.position_mm(AxisName::Focus)?, seen)),
                 },
-                Err(JobEnd::Unmeasurable { .. }) => {}
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => {}
                 Err(end) => return Err(end),
             }
             if let Err(lost) = self.follow(&mut way, sharpness).await? {

@@ -16,9 +16,9 @@ use crate::clock::{Part, enter};
 use crate::events::{FieldMap, InView, MeasurementView, ShellState, TargetSource};
 use crate::history::journal::Journal;
 use crate::loops::calibrated::CalibratedCamera;
+use crate::measuring::not_measured::NotMeasured;
 use crate::motion::Motion;
 use crate::plan::{AcceptedWithin, most_trim_mm};
-use crate::running::end::JobEnd;
 use crate::set_up::{Moment, SetUp};
 use crate::spacing::{SpacingReading, TiltChange};
 use bench::config::{Config, SpacingTarget};
@@ -337,7 +337,7 @@ impl Eye {
     ///
     /// # Errors
     /// Why it is none, in words.
-    pub(crate) async fn learn(&self, frame: Arc<Frame>) -> Result<Arc<Sight>, JobEnd> {
+    pub(crate) async fn learn(&self, frame: Arc<Frame>) -> Result<Arc<Sight>, NotMeasured> {
         let (white, config, from) = (Arc::clone(&frame), Arc::clone(&self.config), Instant::now());
         let sight = Arc::new(blocking(move || Sight::from_white(&white.image, &config)).await?);
         telemetry::learnt(from.elapsed());
@@ -346,8 +346,8 @@ impl Eye {
         Ok(sight)
     }
 
-    fn need_sight(&self) -> Result<Arc<Sight>, JobEnd> {
-        self.sight().ok_or_else(|| JobEnd::failed("no white frame has been taken"))
+    fn need_sight(&self) -> Result<Arc<Sight>, NotMeasured> {
+        self.sight().ok_or_else(|| NotMeasured::failed("no white frame has been taken"))
     }
 
     /// Whether a spacing (px) is within the blur limit of the one wanted.
@@ -377,10 +377,12 @@ impl Eye {
     }
 }
 
-async fn blocking<T: Send + 'static>(work: impl FnOnce() -> Result<T, String> + Send + 'static) -> Result<T, JobEnd> {
+async fn blocking<T: Send + 'static>(
+    work: impl FnOnce() -> Result<T, String> + Send + 'static,
+) -> Result<T, NotMeasured> {
     let _measuring = enter(Part::Measuring);
     match tokio::task::spawn_blocking(work).await {
-        Ok(result) => result.map_err(|why| JobEnd::Unmeasurable { why }),
-        Err(error) => Err(JobEnd::failed(format!("a measurement ended unexpectedly: {error}"))),
+        Ok(result) => result.map_err(|why| NotMeasured::Unmeasurable { why }),
+        Err(error) => Err(NotMeasured::failed(format!("a measurement ended unexpectedly: {error}"))),
     }
 }

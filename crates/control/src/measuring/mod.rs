@@ -4,5 +4,6 @@ pub(crate) mod at_rest;
 pub(crate) mod eye;
 pub mod measurement;
 pub mod meter;
+pub(crate) mod not_measured;
 mod repeats;
 pub(crate) mod sight;

@@ -7,7 +7,7 @@ use std::sync::Arc;
 
 use crate::budget::BoardSeen;
 use crate::events::TwoBoardsView;
-use crate::running::end::JobEnd;
+use crate::measuring::not_measured::NotMeasured;
 use crate::spacing::SpacingReading;
 use bench::config::Config;
 use plenoptics::imaging::clarity::Eog;
@@ -112,7 +112,7 @@ impl Measured {
     ///
     /// # Errors
     /// That there are two.
-    pub(crate) fn of_one_board(self) -> Result<Self, JobEnd> {
+    pub(crate) fn of_one_board(self) -> Result<Self, NotMeasured> {
         let Some(TwoBoardsView { spacings_px, share, .. }) = self.two_boards else {
             return Ok(self);
         };
@@ -123,7 +123,7 @@ impl Measured {
             100.0 * (1.0 - share),
             100.0 * share
         );
-        Err(JobEnd::TwoBoards { why, spacings_px })
+        Err(NotMeasured::TwoBoards { why, spacings_px })
     }
 }
 

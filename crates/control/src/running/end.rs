@@ -3,12 +3,9 @@
 use crate::field::Invalid;
 use crate::job::steps::Repeatable;
 use crate::loops::axis_model::MoveFault;
+use crate::measuring::not_measured::NotMeasured;
 use crate::refusal::{Refusal, ServiceError};
 use bench::device::DeviceError;
-
-/// What is said of a frame that has the very picture of one before it.
-pub(crate) const OLD_PICTURE: &str = "two frames are the same to the last pixel: the camera gives an old picture again \
-                                      as if it were new; unplug it and plug it in again";
 
 /// Why a job ends before it has converged.
 #[derive(Debug, Clone, PartialEq)]
@@ -23,20 +20,8 @@ pub(crate) enum JobEnd {
         /// Why.
         why: String,
     },
-    /// A frame cannot be measured.
-    Unmeasurable {
-        /// Why, in words.
-        why: String,
-    },
-    /// The camera gives an old picture again.
-    OldPicture,
-    /// A frame shows two boards where one was asked for.
-    TwoBoards {
-        /// What it shows, and what to do, in words.
-        why: String,
-        /// The spacings of the two, px.
-        spacings_px: [f64; 2],
-    },
+    /// There is no measurement.
+    NotMeasured(NotMeasured),
     /// It does not end: the operator has asked for an earlier step again, and whoever can begin there anew does.
     Repeat(Repeatable),
     /// The picture has shown that an axis does not stand where it reads.
@@ -56,12 +41,8 @@ impl JobEnd {
     /// Why, in words.
     pub(crate) fn why(self) -> String {
         match self {
-            Self::Failed { why }
-            | Self::TwoBoards { why, .. }
-            | Self::Unmeasurable { why }
-            | Self::Cancelled { why }
-            | Self::NotConverged { why } => why,
-            Self::OldPicture => OLD_PICTURE.to_owned(),
+            Self::Failed { why } | Self::Cancelled { why } | Self::NotConverged { why } => why,
+            Self::NotMeasured(why) => why.to_string(),
             Self::NotFollowed(fault) => fault.to_string(),
             Self::Repeat(_) => {
                 "a step was asked for again where none can be; this is a defect of the program".to_owned()
@@ -73,6 +54,16 @@ impl JobEnd {
 impl From<MoveFault> for JobEnd {
     fn from(fault: MoveFault) -> Self {
         Self::NotFollowed(fault)
+    }
+}
+
+impl From<NotMeasured> for JobEnd {
+    fn from(error: NotMeasured) -> Self {
+        match error {
+            // A stop is none of the camera's.
+            NotMeasured::Device(error) => error.into(),
+            why => Self::NotMeasured(why),
+        }
     }
 }
 

@@ -9,7 +9,6 @@ use crate::job::{JobSnapshot, Recording, word};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::loops::room::Contact;
 use crate::recording::{Place, file_name, folder, is_wanted, words};
-use crate::running::end::JobEnd;
 use crate::running::job::Job;
 use bench::config::Config;
 use bench::device::{AxisName, Frame};
@@ -146,7 +145,7 @@ impl Service {
             }
         }
         if let Some(white) = white {
-            self.eye.learn(white.into()).await.map_err(JobEnd::why)?;
+            self.eye.learn(white.into()).await.map_err(|end| end.to_string())?;
         }
         Ok(())
     }

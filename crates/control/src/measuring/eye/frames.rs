@@ -7,8 +7,8 @@ use tokio::time::Instant;
 
 use super::Eye;
 use crate::clock::{Part, enter};
+use crate::measuring::not_measured::{NotMeasured, OLD_PICTURE};
 use crate::recording::{Answer, Happening};
-use crate::running::end::{JobEnd, OLD_PICTURE};
 use bench::device::{DeviceError, Frame};
 use plenoptics::raw::RawImage;
 
@@ -47,16 +47,16 @@ fn is_same_picture(one: &RawImage, other: &RawImage) -> bool {
 
 impl Eye {
     /// Whether the camera's frames may be measured at all: asked before anything moves for them.
-    pub(crate) fn check_camera(&self) -> Result<(), JobEnd> {
+    pub(crate) fn check_camera(&self) -> Result<(), NotMeasured> {
         match &self.bench.camera.state().borrow().unfit {
-            Some(why) => Err(JobEnd::failed(format!("the camera's frames are not measured: {why}"))),
+            Some(why) => Err(NotMeasured::failed(format!("the camera's frames are not measured: {why}"))),
             None => Ok(()),
         }
     }
 
     /// A frame exposed wholly while both axes stood settled, with another picture than those before it.
-    pub(super) async fn frame(&self) -> Result<Arc<Frame>, JobEnd> {
-        let mut ended = JobEnd::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis"));
+    pub(super) async fn frame(&self) -> Result<Arc<Frame>, NotMeasured> {
+        let mut ended = NotMeasured::failed(format!("{FRAME_TRIES} frames in a row spanned motion of an axis"));
         for _ in 0..FRAME_TRIES {
             let _settling = enter(Part::Settling);
             let settled = tokio::time::timeout(SETTLING_ALLOWED, async {
@@ -69,7 +69,7 @@ impl Eye {
             });
             let Ok(from) = settled.await else {
                 let why = self.motion.unrest().join("; ");
-                return Err(JobEnd::failed(format!(
+                return Err(NotMeasured::failed(format!(
                     "the axes did not come to rest within {SETTLING_ALLOWED:?}: {why}"
                 )));
             };
@@ -87,7 +87,7 @@ impl Eye {
                 if self.check_new(before.as_deref(), &frame).is_ok() {
                     return Ok(frame);
                 }
-                ended = JobEnd::OldPicture;
+                ended = NotMeasured::OldPicture;
             }
         }
         Err(ended)
@@ -144,7 +144,7 @@ impl Eye {
         !noiseless && before.seq != frame.seq && is_same_picture(&before.image, &frame.image)
     }
 
-    pub(super) async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, JobEnd> {
+    pub(super) async fn frames(&self, count: u32) -> Result<Vec<Arc<Frame>>, NotMeasured> {
         let mut frames = Vec::with_capacity(count as usize);
         for _ in 0..count.max(1) {
             frames.push(self.frame().await?);

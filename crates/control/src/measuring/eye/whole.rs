@@ -7,10 +7,10 @@ use tokio::time::Instant;
 
 use super::{Eye, Seen, SeenInAir, Unmeasured, blocking};
 use crate::events::{FieldMap, InView, MeasurementView};
+use crate::measuring::not_measured::NotMeasured;
 use crate::measuring::sight::{CameraSeen, HoldB, Measured, Sight, Unseen};
 use crate::plan::AirBoards;
 use crate::recording::Happening;
-use crate::running::end::JobEnd;
 use crate::spacing::SpacingReading;
 use bench::device::{AxisPose, Frame};
 use bench::telemetry;
@@ -50,31 +50,31 @@ fn images(frames: &[Arc<Frame>]) -> Vec<&RawImage> {
 
 impl Eye {
     /// Takes a white frame and learns grid and vignetting from it. Returns what was found, in words.
-    pub(crate) async fn take_white(&self) -> Result<String, JobEnd> {
+    pub(crate) async fn take_white(&self) -> Result<String, NotMeasured> {
         Ok(self.learn(self.frame().await?).await?.describe())
     }
 
     /// Whether the white frame no longer fits the camera as it stands: why, in words.
-    pub(crate) async fn white_misfit(&self) -> Result<Option<String>, JobEnd> {
+    pub(crate) async fn white_misfit(&self) -> Result<Option<String>, NotMeasured> {
         let sight = self.need_sight()?;
         let frame = self.frame().await?;
         blocking(move || sight.misfit(&frame.image)).await
     }
 
     /// How sharp the raw frame is that the camera gives at rest.
-    pub(crate) async fn sharpness(&self) -> Result<Sharpness, JobEnd> {
+    pub(crate) async fn sharpness(&self) -> Result<Sharpness, NotMeasured> {
         let (frame, mosaic) = (self.frame().await?, self.config.sensor.mosaic);
         blocking(move || Ok(clarity::sharpness(&evened(&frame.image, mosaic)))).await
     }
 
     /// The spacing of the flat board over so many frames, which is neither kept nor shown.
-    pub(crate) async fn glance(&self, count: u32) -> Result<SpacingReading, JobEnd> {
+    pub(crate) async fn glance(&self, count: u32) -> Result<SpacingReading, NotMeasured> {
         let (_, seen) = self.unsmeared(count, Sight::spacing_alone).await?;
         Ok(seen.spacing)
     }
 
     /// Measures the spacing of the flat board over so many frames; `near_px` is what it was last seen to be (px).
-    pub(crate) async fn spacing(&self, count: u32, near_px: Option<f64>) -> Result<Seen, JobEnd> {
+    pub(crate) async fn spacing(&self, count: u32, near_px: Option<f64>) -> Result<Seen, NotMeasured> {
         let (frames, seen) = self
             .unsmeared(count, move |sight, images| {
                 let from = Instant::now();
@@ -94,7 +94,7 @@ impl Eye {
         known_b: (f64, f64),
         hold_b: Option<HoldB>,
         count: u32,
-    ) -> Result<SeenInAir, JobEnd> {
+    ) -> Result<SeenInAir, NotMeasured> {
         let look = move |sight: &Sight, images: &[&RawImage]| match boards {
             AirBoards::Levels(levels_mm) => sight.triple(images, &levels_mm, hold_b),
             AirBoards::Flat(distance_mm) => sight.flat(images, distance_mm, known_b),
@@ -113,7 +113,7 @@ impl Eye {
         &self,
         count: u32,
         look: impl Fn(&Sight, &[&RawImage]) -> Result<T, Unseen> + Copy + Send + 'static,
-    ) -> Result<(Vec<Arc<Frame>>, T), JobEnd> {
+    ) -> Result<(Vec<Arc<Frame>>, T), NotMeasured> {
         let sight = self.need_sight()?;
         let mut before = Vec::new();
         loop {
