@@ -226,7 +226,8 @@ impl Plan {
         let index = |lens: u32| self.indices[lens as usize];
         let columns = pairs.iter().flat_map(|p| [index(p.first)[0], index(p.second)[0]]);
         let (low, high) = columns.fold((i32::MAX, i32::MIN), |(l, h), i| (l.min(i), h.max(i)));
-        let width = (high - low + 1).max(1);
+        // Of no pairs there is no column.
+        let width = high.saturating_sub(low).saturating_add(1).max(1);
         let slot = |lens: u32| {
             let [i, j] = index(lens);
             (j.rem_euclid(2) * width + i - low) as u16
@@ -321,6 +322,13 @@ mod tests {
         let turn = if array == ArrayKind::Square { 90f64 } else { 60.0 }.to_radians();
         let along = |a: f64| [pitch * a.cos(), pitch * a.sin()];
         Grid::affine(array, [300.2, 199.7], [along(angle), along(angle + turn)], [600, 400])
+    }
+
+    #[test]
+    fn a_job_of_no_pairs_has_nothing_to_do() {
+        let plan = Plan::new(&grid(ArrayKind::Square, 9.3, 0.0), &Motion::NONE, 8.0, usize::MAX);
+        let job = plan.job(&[]);
+        assert!(job.rows.is_empty() && job.scores.is_empty());
     }
 
     #[test]
