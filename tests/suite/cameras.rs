@@ -144,6 +144,7 @@ async fn became(seed: u64, sensor: Sensor) -> Became {
     if matches!(became, Became::Wrong(_)) {
         println!("seed {seed}:\n{}", toml::to_string(&config).unwrap());
         job.log.iter().for_each(|line| println!("{}", line.message));
+        job.iterations.iter().for_each(|iteration| println!("{iteration:?}"));
     }
     became
 }

@@ -23,6 +23,10 @@ const CONFIRMED_SIGMA_MM: f64 = 0.4;
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 /// Moves of either axis before the loop gives up, the probe not counted.
 const MAX_MOVES: u32 = 9;
+/// The last of them, which are for the spacing: held off by the room, e goes nearer to the shell with the others alone.
+const MOVES_FOR_SPACING: u32 = 3;
+/// A trim's change of the spacing tells how the next will change it where it is within this factor of what the camera says.
+const TOLD_WITHIN: f64 = 2.0;
 /// A trim that the picture contradicts by no more than this is not held against the focus axis at once, mm: a carriage that
 /// sticks arrives as far beside its reading.
 const STICKS_MM: f64 = super::axis_model::READBACK_TOLERANCE_MM;

@@ -1,8 +1,8 @@
 //! What the loop does next: a probe, a long move, a correction, a trim, or the end.
 
 use super::{
-    CONFIRMED_SIGMA_MM, MAX_MEASUREMENTS_AT_A_POSE, MAX_MOVES, ShellDecision, ShellLoop, ShellObservation,
-    UNCONFIRMED_SHARE, WALL_SIGMAS,
+    CONFIRMED_SIGMA_MM, MAX_MEASUREMENTS_AT_A_POSE, MAX_MOVES, MOVES_FOR_SPACING, ShellDecision, ShellLoop,
+    ShellObservation, TOLD_SIGMAS, TOLD_WITHIN, UNCONFIRMED_SHARE, WALL_SIGMAS,
 };
 use crate::loops::air::FREE_PROBES;
 use bench::config::ShellStep;
@@ -91,7 +91,9 @@ impl ShellLoop {
         let (to, confirmed) = (to.max(nearest), confirmed && to >= nearest);
         // Where e is not known better from picture to picture, another short move leads nowhere.
         let short = if confirmed { 0.5 * goal.tolerance_mm } else { (0.5 * goal.tolerance_mm).max(0.5 * sigma) };
-        if (to - here.e_reading_mm).abs() <= short {
+        // What each picture adds to the room may go on for long, by less and less.
+        let near_enough = self.held_off && self.moves + MOVES_FOR_SPACING >= MAX_MOVES;
+        if near_enough || (to - here.e_reading_mm).abs() <= short {
             if self.held_off && self.room.is_none() {
                 return ShellDecision::NotConverged {
                     why: "how near the lens is to the shell cannot be told: what was seen of the boards in air and through the shell fits no camera like the configured one".to_owned(),
@@ -150,7 +152,7 @@ impl ShellLoop {
             return self.move_e(reading.max(self.nearest(here)), here.trim_mm);
         }
         let e_here = self.model.predict(here.e_reading_mm).0;
-        let by = (goal.spacing_px - here.spacing_px) / self.camera.slope_delta_v(e_here, here.trim_mm);
+        let by = (goal.spacing_px - here.spacing_px) / self.trim_slope(e_here, here);
         if (here.trim_mm + by).abs() > goal.most_trim_mm {
             return ShellDecision::NotConverged {
                 why: format!(
@@ -163,6 +165,19 @@ impl ShellLoop {
         self.trimmed = true;
         self.moves += 1;
         ShellDecision::Trim { by_mm: by, predicted_px: goal.spacing_px }
+    }
+
+    /// By how much the spacing changes with Δv at an e (mm), px per mm: as the last trim has shown it, or as the camera says.
+    fn trim_slope(&self, e_mm: f64, here: ShellObservation) -> f64 {
+        let by_camera = self.camera.slope_delta_v(e_mm, here.trim_mm);
+        let shown = self.previous.filter(|previous| (previous.e_reading_mm - here.e_reading_mm).abs() < 1e-6);
+        let shown = shown.map(|previous| (here.spacing_px - previous.spacing_px) / (here.trim_mm - previous.trim_mm));
+        let likely = |slope: &f64| (1.0 / TOLD_WITHIN..=TOLD_WITHIN).contains(&(slope / by_camera));
+        // A short trim shows noise.
+        let told = |previous: ShellObservation| {
+            (here.spacing_px - previous.spacing_px).abs() > TOLD_SIGMAS * previous.sigma_px.hypot(here.sigma_px)
+        };
+        shown.filter(likely).filter(|_| self.previous.is_some_and(told)).unwrap_or(by_camera)
     }
 
     pub(super) fn decide_again(&mut self, here: ShellObservation) -> ShellDecision {

@@ -289,6 +289,24 @@ fn a_lens_stays_clear_by_what_e_is_uncertain_by() {
     }
 }
 
+/// What is measured nearer to the shell makes e less uncertain, by less from place to place: the loop does not spend its moves on
+/// that, and has some left to bring the spacing to its target.
+#[test]
+fn a_room_that_grows_by_less_and_less_is_not_followed_to_the_last_move() {
+    let camera = preset();
+    let mut shell = ShellLoop::new(goal(ShellStep::TranslateEThenTrim), camera);
+    let turns = drive(
+        &mut shell,
+        30.0,
+        |at| (camera.spacing_px(at.reading, at.trim), 0.004),
+        |at| Some(room(AxisModel::new(at.reading, at.reading, 0.7 + 0.15 * at.reading.min(8.0), 0.0))),
+    );
+    let (end, last) = turns.last().unwrap();
+    assert_eq!(*last, ShellDecision::Done, "{turns:?}");
+    // Where the room has room for it no more, e is 2.9 mm.
+    assert!((2.9..3.7).contains(&end.reading) && shell.held_off() && shell.trimmed(), "{turns:?}");
+}
+
 /// Whatever was decided before: a picture that leaves less than two and a half standard uncertainties takes the lens back to
 /// where there are three, and nothing is done before.
 #[test]
