@@ -3,6 +3,7 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use plenalign::config::Config;
 use plenalign::control::events::{Event, ShellState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use plenalign::control::{Service, Shown, open_bench};
@@ -237,6 +238,26 @@ async fn what_became_of_a_stop_is_told_until_it_is_reset() {
     let reset = daemon.request(Method::DELETE, "/api/v1/stop").json(&json!({ "owner": "Ana", "why": "a test" }));
     assert_eq!(reset.send().await.unwrap().status(), 200);
     assert_eq!(stop().await["delivery"], Value::Null);
+}
+
+/// Where the picture can only be measured with the focus axis elsewhere, too.
+#[tokio::test(start_paused = true)]
+async fn a_mistake_is_named_by_a_picture_that_the_focus_axis_was_led_to() {
+    for (no_shell, named) in
+        [(false, "it fits a tank with no water in it."), (true, "it fits water without the shell.")]
+    {
+        let mut config = Config::default();
+        (config.sensor.width_px, config.sensor.height_px) = (560, 560);
+        config.bench.simulation.rays = 4;
+        let service = service(config).await;
+        let mut faults = Faults::default();
+        (faults.scene.no_shell, faults.scene.tank_empty) = (no_shell, !no_shell);
+        service.bench().simulated.as_ref().unwrap().set_faults(faults);
+        let job = align(&service).await;
+        let reason = job.reason.unwrap();
+        assert!(reason.contains(named) && reason.contains("from where the air step left it"), "{reason}");
+        assert!(reason.contains("no e that the axis can have"), "{reason}");
+    }
 }
 
 #[tokio::test(start_paused = true)]

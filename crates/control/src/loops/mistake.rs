@@ -10,6 +10,9 @@ use plenoptics::optics::{CameraDesign, Shell};
 const SIGMAS: f64 = 4.0;
 /// Share of its distance within which a board in a tank is put.
 const BOARD_PLACED_WITHIN: f64 = 0.02;
+/// Without water, or without the shell, the spacing is foretold to this share of how far it is from what it should be: rays
+/// far from the axis are bent otherwise than through the shell in water.
+const OTHER_MEDIUM_WITHIN: f64 = 0.1;
 /// Radius of a window that is as good as flat, mm.
 const FLAT_MM: f64 = 1e5;
 /// By which shares of its outer radius a shell may be another than the configured one, and how finely they are looked
@@ -48,10 +51,18 @@ impl ShellLook<'_> {
         if (shown - self.e_mm).abs() <= allowed {
             return None;
         }
-        let found = if shown.is_finite() {
+        let (low_mm, high_mm) = (self.axis.low_limit_mm, self.axis.high_limit_mm);
+        let travel_mm = high_mm - low_mm;
+        let found = if (low_mm - travel_mm..=high_mm + travel_mm).contains(&shown) {
             format!("it is what would be seen with e at {shown:.1} ± {sigma:.1} mm")
         } else {
-            "it is what would be seen with no e at all".to_owned()
+            "it is what would be seen with no e that the axis can have".to_owned()
+        };
+        // Led to where it can be measured.
+        let led = if self.trim_bound_mm > 0.0 {
+            format!(" with Δv {:+.2} mm from where the air step left it", self.trim_mm)
+        } else {
+            String::new()
         };
         let explanations = self.explanations(seen.spacing_px, allowed);
         let fits = if explanations.is_empty() {
@@ -60,7 +71,7 @@ impl ShellLook<'_> {
             format!("it fits {}", explanations.join("; or "))
         };
         Some(format!(
-            "the picture through the shell is not what the configuration says: the spacing is {:.3} px, and with the e axis at {:.1} mm it should be {:.3} px; {found}; {fits}. Put it right, or correct the configuration, and begin again",
+            "the picture through the shell is not what the configuration says: the spacing is {:.3} px{led}, and with the e axis at {:.1} mm it should be {:.3} px; {found}; {fits}. Put it right, or correct the configuration, and begin again",
             seen.spacing_px,
             self.e_mm,
             self.camera.spacing_px(self.e_mm, self.trim_mm),
@@ -97,9 +108,11 @@ impl ShellLook<'_> {
     fn explanations(&self, spacing_px: f64, allowed_mm: f64) -> Vec<String> {
         let design = &self.camera.design;
         let slope = self.camera.slope_e(self.e_mm, self.trim_mm).abs();
+        let contradicts_px = (self.camera.spacing_px(self.e_mm, self.trim_mm) - spacing_px).abs();
+        let within_px = (slope * allowed_mm).max(OTHER_MEDIUM_WITHIN * contradicts_px);
         let looks_so = |(shell, e_mm): (Shell, f64)| {
             let other = CalibratedCamera { design: CameraDesign { shell, ..*design }, ..*self.camera };
-            (other.spacing_px(e_mm, self.trim_mm) - spacing_px).abs() <= slope * allowed_mm
+            (other.spacing_px(e_mm, self.trim_mm) - spacing_px).abs() <= within_px
         };
         let mut explanations = Vec::new();
         if looks_so((Shell { n_water: 1.0, ..design.shell }, self.e_mm)) {
