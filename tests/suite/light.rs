@@ -179,6 +179,12 @@ async fn a_change_drops_the_white_frame_and_none_is_made_in_a_job() {
     let refused = problem(measure().await, 409, "not-measurable").await;
     assert!(refused["detail"].as_str().unwrap().contains("white frame"), "{refused}");
 
+    // Set back as it was for it, the white frame fits again, and no other.
+    assert_eq!(set(&daemon, EXPOSURE, 9.0).await["white_frame"], false);
+    assert_eq!(set(&daemon, EXPOSURE, 10.0).await["white_frame"], true);
+    assert_eq!(measure().await.status(), StatusCode::OK);
+    assert_eq!(set(&daemon, EXPOSURE, 8.0).await["white_frame"], false);
+
     let watch = json!({ "kind": "spacing_watch", "duration_s": 60.0, "interval_s": 30.0 });
     let job: Value = daemon.command(Method::POST, "/api/v1/jobs", &watch).await.json().await.unwrap();
     let busy = daemon.command(Method::PUT, EXPOSURE, &json!({ "value": 20.0 })).await;

@@ -54,7 +54,7 @@ pub(in crate::api) async fn controls(State(app): State<App>) -> Result<Json<Ligh
 /// Sets the camera's exposure or gain, until it is set otherwise or the program ends.
 ///
 /// Refused while a job holds the bench. A change drops the white frame, and what was read of the scene is gone: the next
-/// job takes a white frame, and its frames, with the camera set so.
+/// job takes a white frame, and its frames, with the camera set so. Set back as it was, the white frame counts again.
 #[utoipa::path(
     put, path = "/api/v1/camera/controls/{control}", operation_id = "set_camera_control", tag = "camera",
     request_body = ControlRequest,

@@ -83,6 +83,14 @@ pub(crate) struct Unmeasured {
     pub(crate) by_motion: bool,
 }
 
+/// A white frame that a change of the camera's setting has dropped.
+struct DroppedWhite {
+    /// How the camera was set for it, in words.
+    set: String,
+    sight: Arc<Sight>,
+    frame: Arc<Frame>,
+}
+
 /// What an air step left.
 struct KeptAirStep {
     step: AirStep,
@@ -101,6 +109,7 @@ pub(crate) struct Eye {
     sight: Mutex<Option<Arc<Sight>>>,
     /// The frame that it was learnt from.
     white: Mutex<Option<Arc<Frame>>>,
+    dropped_white: Mutex<Option<DroppedWhite>>,
     air_step: Mutex<Option<KeptAirStep>>,
     set_up: watch::Sender<SetUp>,
     /// The frame that was looked at last.
@@ -125,6 +134,7 @@ impl Eye {
             repeats: Repeats::default(),
             sight: Mutex::new(None),
             white: Mutex::new(None),
+            dropped_white: Mutex::new(None),
             air_step: Mutex::new(None),
             set_up: watch::Sender::new(SetUp { in_view: InView::Unknown, since: Moment::now() }),
             looked_at: Mutex::new(None),
@@ -312,10 +322,23 @@ impl Eye {
         self.sight.lock().unwrap_or_else(PoisonError::into_inner).clone()
     }
 
-    /// Forgets the white frame and what it taught: the camera is set otherwise than it was then.
-    pub(crate) fn forget_white(&self) {
-        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = None;
-        *self.white.lock().unwrap_or_else(PoisonError::into_inner) = None;
+    /// Drops the white frame and what it taught: the camera, which was set as these words say, is set otherwise now.
+    pub(crate) fn drop_white(&self, set: Option<String>) {
+        let sight = self.sight.lock().unwrap_or_else(PoisonError::into_inner).take();
+        let frame = self.white.lock().unwrap_or_else(PoisonError::into_inner).take();
+        if let (Some(sight), Some(frame)) = (sight, frame) {
+            *self.dropped_white.lock().unwrap_or_else(PoisonError::into_inner) =
+                set.map(|set| DroppedWhite { set, sight, frame });
+        }
+    }
+
+    /// Takes the dropped white frame back where the camera is set again as it was for it. Returns whether it did.
+    pub(crate) fn take_white_back(&self, set: Option<&str>) -> bool {
+        let mut dropped = self.dropped_white.lock().unwrap_or_else(PoisonError::into_inner);
+        let Some(white) = dropped.take_if(|white| set == Some(white.set.as_str())) else { return false };
+        *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(white.sight);
+        *self.white.lock().unwrap_or_else(PoisonError::into_inner) = Some(white.frame);
+        true
     }
 
     /// How the camera is set, in words, where it says so.
@@ -343,6 +366,7 @@ impl Eye {
         telemetry::learnt(from.elapsed());
         *self.sight.lock().unwrap_or_else(PoisonError::into_inner) = Some(Arc::clone(&sight));
         *self.white.lock().unwrap_or_else(PoisonError::into_inner) = Some(frame);
+        *self.dropped_white.lock().unwrap_or_else(PoisonError::into_inner) = None;
         Ok(sight)
     }
 

@@ -20,7 +20,7 @@ export const camera: typeof en.camera = {
     `Die hellen Pixel liegen bei ${level} % von Weiß, ${clipped} % sind übersteuert, nach ${frames} ${frames === 1 ? "Bild" : "Bildern"}.`,
   leftAsItWas: "Es war richtig und bleibt, wie es war.",
   dropsWhite:
-    "Eine Änderung verwirft das Weißbild: Der nächste Auftrag nimmt eines auf, mit der Kamera so eingestellt.",
+    "Eine Änderung verwirft das Weißbild, ohne das kein Schritt mit Kugelschale an einen Schritt in Luft anschließt: bis die Kamera wieder eingestellt ist wie zuvor oder ein Auftrag ein anderes aufgenommen hat.",
   none: "Diese Kamera hat weder Belichtungszeit noch Verstärkung, die sich von hier aus einstellen ließen.",
   reason: {
     job: "Ein Auftrag läuft und lässt die Kamera, wie sie eingestellt ist, bis er endet.",

@@ -19,7 +19,8 @@ export const camera = {
   found: (level: string, clipped: string, frames: number) =>
     `The bright pixels are at ${level} % of white, ${clipped} % are clipped, after ${frames} ${frames === 1 ? "frame" : "frames"}.`,
   leftAsItWas: "It was right, and is left as it was.",
-  dropsWhite: "A change drops the white frame: the next job takes one, with the camera set so.",
+  dropsWhite:
+    "A change drops the white frame, without which no shell step goes on from an air step: until the camera is set back, or a job has taken another.",
   none: "This camera has no exposure and no gain that can be set from here.",
   reason: {
     job: "A job is under way and keeps the camera as it is set, until its end.",

@@ -227,19 +227,24 @@ impl Service {
 
     /// Sets a control, and drops what was learnt and read of the camera as it was set before.
     async fn change(&self, name: ControlName, value: f64) -> Result<(), ServiceError> {
+        let before = self.eye.camera_set().await;
         // Whatever comes of it: a camera that gives no answer may have been set all the same.
-        self.forget_as_set();
+        self.forget_as_set(before);
         let set = self.bench.camera.set_control(name, value).await;
         // What was read meanwhile may be of either.
-        self.forget_as_set();
+        self.forget_as_set(None);
         set?;
+        if self.eye.take_white_back(self.eye.camera_set().await.as_deref()) {
+            self.publish_bench();
+        }
         tracing::info!(control = %name, value, "the camera was set");
         Ok(())
     }
 
-    fn forget_as_set(&self) {
+    /// Forgets what was learnt and read of the camera while it was set as these words say.
+    fn forget_as_set(&self, set: Option<String>) {
         *self.light_set_at.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
-        self.eye.forget_white();
+        self.eye.drop_white(set);
         self.readings.forget();
         // Whatever a frame of before showed, the camera now shows otherwise.
         self.eye.see(None);
