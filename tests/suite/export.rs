@@ -102,6 +102,12 @@ fn report_has_everything_in_it(archive: &JobArchive) {
     let report = archive.job.report.as_ref().unwrap();
     assert!(page.contains(&format!("target {:.4} px", report.spacing_target_px)));
     assert!(page.contains("width_px = 560"), "the configuration is there");
+    let row = |name: &str, value: &str| page.contains(&format!("<th scope=\"row\">{name}</th><td>{value}</td>"));
+    assert!(row("Started by", &archive.job.owner) && !archive.job.owner.is_empty());
+    assert!(!page.contains(">Note</th>"));
+    let mut noted = archive.clone();
+    noted.job.request.note = Some("Camera <17>".to_owned());
+    assert!(export::html(&noted).contains("<th scope=\"row\">Note</th><td>Camera &lt;17&gt;</td>"));
 }
 
 #[tokio::test(start_paused = true)]

@@ -28,7 +28,7 @@ async fn daemon(folder: &Path) -> (Daemon, Fakes) {
 }
 
 async fn create(daemon: &Daemon) -> Value {
-    ask_for(daemon, &json!({ "kind": "joint_alignment" })).await
+    ask_for(daemon, &json!({ "kind": "joint_alignment", "note": "Camera 17" })).await
 }
 
 async fn ask_for(daemon: &Daemon, job: &Value) -> Value {
@@ -191,6 +191,11 @@ async fn jobs_of_all_runs_are_listed_a_page_at_a_time() {
     // In the log, of memory and of the history alike.
     assert_eq!(ids("q=design:%20a%20TEST").await, all);
     assert_eq!(ids("q=100%25").await, Vec::<Value>::new());
+    // By what it is for, and by who started it.
+    assert_eq!((ids("q=camera%2017").await, ids("q=A%20test").await), (all.clone(), all));
+    let list = get(&daemon, "/api/v1/jobs?limit=500").await;
+    let told = |job: &Value| (&job["note"], &job["owner"]) == (&json!("Camera 17"), &json!("a test"));
+    assert!(list["jobs"].as_array().unwrap().iter().all(told), "{list}");
 }
 
 #[tokio::test]

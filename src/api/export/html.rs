@@ -122,6 +122,12 @@ fn head(page: &mut String, archive: &JobArchive) {
         let _ = writeln!(page, "<tr><th scope=\"row\">{name}</th><td>{}</td></tr>", escape(value));
     };
     row("Job", &job.id.to_string());
+    if let Some(note) = &job.request.note {
+        row("Note", note);
+    }
+    if !job.owner.is_empty() {
+        row("Started by", &job.owner);
+    }
     row("Accepted", &time(job.created_at));
     row("Ended", &job.ended_at.map_or_else(|| "not yet".to_owned(), time));
     if let Some(run) = &archive.run {
@@ -252,6 +258,7 @@ fn iterations(page: &mut String, job: &JobSnapshot) {
     if job.iterations.is_empty() {
         return;
     }
+    page.push_str("<p class=\"quiet\">Each row's Δv and e, and their ±, are by the pictures up to it alone; the figures above have in them what is configured, too, and what that is uncertain by.</p>\n");
     page.push_str(
         "<table>\n<tr><th>#</th><th>what</th><th>focus, mm</th><th>e, mm</th><th>Δv, mm</th><th>e measured, mm</th><th>spacing, px</th><th>target, px</th><th>decision</th></tr>\n",
     );

@@ -106,7 +106,7 @@ pub(in crate::api) struct JobsAsked {
     /// Created before this time, RFC 3339.
     #[param(value_type = Option<String>, format = DateTime)]
     until: Option<jiff::Timestamp>,
-    /// Words in the id, the reason or a line of the log.
+    /// Words in the id, the note, the owner, the reason or a line of the log.
     q: Option<String>,
 }
 

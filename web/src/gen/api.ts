@@ -175,7 +175,7 @@ export interface paths {
     /**
      * Sets the camera's exposure or gain, until it is set otherwise or the program ends.
      * @description Refused while a job holds the bench. A change drops the white frame, and what was read of the scene is gone: the next
-     *     job takes a white frame, and its frames, with the camera set so.
+     *     job takes a white frame, and its frames, with the camera set so. Set back as it was, the white frame counts again.
      */
     put: operations["set_camera_control"];
     post?: never;
@@ -4248,6 +4248,10 @@ export interface components {
       iterations: number;
       /** @description What it does. */
       kind: components["schemas"]["JobKind"];
+      /** @description What it is for, in its caller's words; `null` where nothing was said. */
+      note?: string | null;
+      /** @description Who started it; empty where the version that ran it knew no owners. */
+      owner?: string;
       /** @description How far it is. */
       progress: components["schemas"]["Progress"];
       /** @description Why it ended as it did, in words, once it has. */
@@ -7899,7 +7903,7 @@ export interface operations {
         since?: string;
         /** @description Created before this time, RFC 3339. */
         until?: string;
-        /** @description Words in the id, the reason or a line of the log. */
+        /** @description Words in the id, the note, the owner, the reason or a line of the log. */
         q?: string;
       };
       header?: never;

@@ -133,10 +133,12 @@ pub fn jobs(connection: &Connection, filter: &JobFilter, limit: usize) -> Result
         let words = words.to_ascii_lowercase();
         compare(
             "(instr(id, ?) OR instr(lower(ifnull(reason, '')), ?) OR EXISTS
-            (SELECT 1 FROM log WHERE job = jobs.id AND instr(lower(message), ?)))",
+            (SELECT 1 FROM log WHERE job = jobs.id AND instr(lower(message), ?))
+            OR instr(lower(ifnull(json_extract(request, '$.note'), '')), ?)
+            OR instr(lower(ifnull(json_extract(document, '$.owner'), '')), ?))",
             Box::new(words.clone()),
         );
-        values.extend([Box::new(words.clone()) as Box<dyn ToSql>, Box::new(words)]);
+        values.extend([(); 4].map(|()| Box::new(words.clone()) as Box<dyn ToSql>));
     }
     let condition = if wanted.is_empty() { String::new() } else { format!("WHERE {}", wanted.join(" AND ")) };
     let sql = format!(
@@ -173,13 +175,14 @@ pub fn find_key(connection: &Connection, name: &BenchName, key: &str, since: Tim
 /// operator's time, s; newest first.
 pub fn own_times(connection: &Connection, name: &BenchName, kind: &str, limit: usize) -> Result<Vec<(Value, f64)>> {
     let benches = Value::from_iter(name.all(connection)?).to_string();
-    let sql = "SELECT request, ended_at - created_at - (SELECT ifnull(sum(confirmed_at - asked_at), 0)
-            FROM operator_steps WHERE job = jobs.id) FROM jobs
-        WHERE kind = :kind AND state IN ('converged', 'succeeded') AND ended_at IS NOT NULL
+    // What was done again belongs to that job alone.
+    let sql = "SELECT request, (SELECT sum(json_extract(value, '$.bench_s')) FROM json_each(document, '$.steps')
+            WHERE json_extract(value, '$.state') <> 'repeated') AS own FROM jobs
+        WHERE kind = :kind AND state IN ('converged', 'succeeded') AND own IS NOT NULL
             AND run IN (SELECT id FROM runs WHERE bench IN (SELECT value FROM json_each(:benches)))
         ORDER BY id DESC LIMIT :limit";
     let parameters = named_params! { ":kind": kind, ":benches": benches, ":limit": limit as i64 };
-    let time = |row: &Row<'_>| Ok((json(row, 0)?, row.get::<_, i64>(1)? as f64 / 1e9));
+    let time = |row: &Row<'_>| Ok((json(row, 0)?, row.get(1)?));
     connection.prepare_cached(sql)?.query_map(parameters, time)?.collect()
 }
 

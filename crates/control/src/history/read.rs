@@ -20,6 +20,12 @@ pub struct JobSummary {
     pub id: Uuid,
     /// What it does.
     pub kind: JobKind,
+    /// What it is for, in its caller's words; `null` where nothing was said.
+    #[serde(default)]
+    pub note: Option<String>,
+    /// Who started it; empty where the version that ran it knew no owners.
+    #[serde(default)]
+    pub owner: String,
     /// Where it is in its life.
     pub state: JobState,
     /// Part of the alignment it is in.
@@ -50,6 +56,8 @@ impl JobSummary {
         Self {
             id: job.id,
             kind: job.kind,
+            note: job.request.note.clone(),
+            owner: job.owner.clone(),
             state: job.state,
             stage: job.stage,
             simulated: job.simulated,
@@ -75,7 +83,7 @@ pub struct JobQuery {
     pub since: Option<Timestamp>,
     /// Created before this time.
     pub until: Option<Timestamp>,
-    /// In the id, the reason or a line of the log, whatever the case of its letters.
+    /// In the id, the note, the owner, the reason or a line of the log, whatever the case of its letters.
     pub text: Option<String>,
     /// Older than this job: where the page before has ended.
     pub before: Option<Uuid>,
@@ -105,6 +113,8 @@ impl JobQuery {
             && self.before.is_none_or(|before| job.id < before)
             && text.is_none_or(|words| {
                 has(&job.id.to_string(), &words)
+                    || has(&job.owner, &words)
+                    || job.request.note.as_ref().is_some_and(|note| has(note, &words))
                     || job.reason.as_ref().is_some_and(|reason| has(reason, &words))
                     || job.log.iter().any(|line| has(&line.message, &words))
             })

@@ -4,8 +4,9 @@ import type * as en from "../en/history";
 
 export const history: typeof en.history = {
   title: "Verlauf",
+  startedBy: (owner) => `von ${owner}`,
   search: "Suchen",
-  searchMore: "Grund, Protokoll oder Kennung",
+  searchMore: "Notiz, Grund, Protokoll, wer ihn begann, oder Kennung",
   kind: "Art",
   state: "Zustand",
   any: "alle",

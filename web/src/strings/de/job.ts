@@ -52,7 +52,7 @@ export const job: typeof en.job = {
       "Eine Achse, deren Stellung unbekannt ist oder die am Ende ihres Wegs steht, fährt auf Referenz; e von der Kugelschale weg. Nach dem Weißbild fährt e auf Referenz, wo es näher an der Schale steht als seine Parkstellung.",
       "Sie halten für das Weißbild eine Streuscheibe vor die Hauptlinse.",
       "Sie stellen die Tafel oder die Tafeln dorthin, wo die Seite sagt.",
-      "Δv wird verstellt, bis es innerhalb der Toleranz liegt; zweimal nachgeprüft.",
+      "Δv wird verstellt, bis es innerhalb der Toleranz liegt; dann wird zur Prüfung noch einmal gemessen.",
       "Sie montieren die Kugelschale und füllen das Becken.",
       "e wird verstellt, bis der Punktabstand den Sollwert hat, nie über die Sperre hinaus.",
     ],
@@ -192,6 +192,8 @@ export const iterations: typeof en.iterations = {
   title: "Iterationen",
   none: "Noch nichts gemessen",
   log: "Protokoll",
+  byPictures:
+    "Δv und e jeder Zeile samt ± gehen allein aus den Bildern bis dahin hervor; die des Ergebnisses enthalten auch, was konfiguriert ist und wie unsicher das ist.",
   columns: {
     number: "Nr.",
     stage: "Abschnitt",

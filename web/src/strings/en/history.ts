@@ -2,8 +2,9 @@
 
 export const history = {
   title: "History",
+  startedBy: (owner: string) => `by ${owner}`,
   search: "Search",
-  searchMore: "words of its reason or log, or its id",
+  searchMore: "words of its note, reason or log, who started it, or its id",
   kind: "Kind",
   state: "State",
   any: "any",

@@ -50,7 +50,7 @@ export const job = {
       "An axis whose place is not known, or that stands at an end of its travel, is homed; e away from the shell. Once the white frame is taken, e is homed where it stands nearer to the shell than it is to be parked.",
       "You hold a diffuser before the lens for the white frame.",
       "You put the board, or boards, where the page says.",
-      "Δv is moved until it is within tolerance, verified twice.",
+      "Δv is moved until it is within tolerance, and measured again to verify it.",
       "You mount the shell and fill the tank.",
       "e is moved until the spacing meets its target, never past the wall.",
     ],
@@ -192,6 +192,8 @@ export const iterations = {
   title: "Iterations",
   none: "Nothing measured yet",
   log: "Log",
+  byPictures:
+    "Each row's Δv and e, and their ±, are by the pictures up to it alone; those of the result have in them what is configured, too, and what that is uncertain by.",
   columns: {
     number: "#",
     stage: "Stage",

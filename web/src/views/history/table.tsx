@@ -75,6 +75,8 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
       <td class="words">
         {what}
         {job.simulated && <span class="tag">{words.simulated}</span>}
+        {job.note && <p class="quiet">{job.note}</p>}
+        {job.owner && <p class="quiet">{words.startedBy(job.owner)}</p>}
       </td>
       <td class="words">
         <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>

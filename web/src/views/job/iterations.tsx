@@ -41,6 +41,7 @@ function Table({ job, unit }: Props) {
   return (
     <>
       <Chart key={job.id} job={job} unit={unit} />
+      {job.report && <p class="quiet">{strings.iterations.byPictures}</p>}
       <div class="table" tabIndex={0} role="group" aria-label={strings.iterations.title}>
         <table>
           <thead>
