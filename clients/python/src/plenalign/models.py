@@ -1086,6 +1086,10 @@ class JobSummary(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """How many iterations it has."""
     kind: JobKind
     """What it does."""
+    note: str | None = None
+    """What it is for, in its caller's words; `null` where nothing was said."""
+    owner: str | UnsetType = UNSET
+    """Who started it; empty where the version that ran it knew no owners."""
     progress: Progress
     """How far it is."""
     reason: str | None = None
