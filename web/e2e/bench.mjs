@@ -201,7 +201,7 @@ try {
   await press(ana.page, hold(ana.page, "focus", "low"));
   const turned = await position("focus");
   await until(async () => (await position("focus")) < turned - 0.1, "the axis does not turn round");
-  assert.equal(await ana.page.locator("header .problem").count(), 0, "turning round is refused");
+  assert.deepEqual(await ana.page.locator("header .problem").allInnerTexts(), [], "turning round is refused");
   // A stop takes the focus from it, and gives it back.
   await ana.page.keyboard.press("Space");
   await ana.page.locator("#reset:focus").waitFor();

@@ -6,7 +6,7 @@ export const history: typeof en.history = {
   title: "Verlauf",
   startedBy: (owner) => `von ${owner}`,
   search: "Suchen",
-  searchMore: "Notiz, Grund, Protokoll, wer ihn begann, oder Kennung",
+  searchMore: "Notiz, Name, Grund, Protokoll oder Kennung",
   kind: "Art",
   state: "Zustand",
   any: "alle",

@@ -4,7 +4,7 @@ export const history = {
   title: "History",
   startedBy: (owner: string) => `by ${owner}`,
   search: "Search",
-  searchMore: "words of its note, reason or log, who started it, or its id",
+  searchMore: "note, name, reason, log or id",
   kind: "Kind",
   state: "State",
   any: "any",

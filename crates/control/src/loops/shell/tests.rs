@@ -203,6 +203,15 @@ fn a_focus_axis_that_sticks_is_trimmed_again() {
     );
 }
 
+/// A focus axis that goes a fifth further than it is asked to needs one trim more, not one after another.
+#[test]
+fn a_second_trim_goes_by_what_the_first_has_shown() {
+    let outcome = run_sticking(ShellStep::HoldETrim, |q| q, 0.0, |_, trim| 1.2 * trim + 0.1, 0.002);
+    assert_eq!(outcome.decisions.last(), Some(&ShellDecision::Done), "{:?}", outcome.decisions);
+    let trims = outcome.decisions.iter().filter(|decision| matches!(decision, ShellDecision::Trim { .. })).count();
+    assert_eq!(trims, 2, "{:?}", outcome.decisions);
+}
+
 #[test]
 fn a_dead_or_reversed_axis_ends_the_loop_after_the_probe() {
     let dead = run(ShellStep::TranslateEThenTrim, |_| 30.0, 0.0, 0.0, 0.004);
