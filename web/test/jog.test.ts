@@ -187,4 +187,32 @@ describe("press and hold", () => {
     expect(told).toEqual(["go e low", "end e", "go e high"]);
     expect(jog.pressed?.towards).toBe("high");
   });
+
+  it("waits for an axis to stand from when the end of the press before is answered", async () => {
+    const told: string[] = [];
+    let stands = false;
+    let answered = () => undefined as void;
+    const moving = { type: MOVING, title: "Busy", status: 409, detail: "it moves" } as Problem;
+    const jog = new Jog({
+      go: () => {
+        told.push("go");
+        return Promise.resolve(told.length === 1 || stands ? null : moving);
+      },
+      end: () => new Promise((resolve) => (answered = () => resolve(null))),
+      failed: () => told.push("failed"),
+      changed: () => undefined,
+    });
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(10);
+    jog.begin(press);
+    await vi.advanceTimersByTimeAsync(TURN_MS - BEAT_MS);
+    answered();
+    // Longer than a press waits, but not after the answer.
+    await vi.advanceTimersByTimeAsync(3 * BEAT_MS);
+    expect(jog.pressed).not.toBeNull();
+    stands = true;
+    await vi.advanceTimersByTimeAsync(2 * BEAT_MS);
+    expect(told).not.toContain("failed");
+    jog.release();
+  });
 });

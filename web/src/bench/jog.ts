@@ -11,7 +11,7 @@ export const BEAT_MS = 100;
  *  is to find it moving on. */
 export const LAPSE_MS = 1000;
 
-/** So long a press waits for that of the press before it to end, ms: whoever turns round presses sooner than an axis stands.
+/** So long a press waits for that of the press before it to stand, once its end is answered, ms: whoever turns round presses sooner than an axis stands.
  *  No other motion is waited for: a press is not to begin between two pieces of it. */
 export const TURN_MS = 800;
 
@@ -98,6 +98,8 @@ export class Jog {
     this.ends += 1;
     const problem = await this.calls.end(press.axis);
     this.ends -= 1;
+    // The axis comes to rest from then on, however late the answer was.
+    if (this.waits) this.begunAt = pageNow();
     if (problem) this.calls.failed(problem);
     if (this.press !== null) await this.tell(this.press);
   }
