@@ -192,7 +192,7 @@ describe("press and hold", () => {
     const told: string[] = [];
     let stands = false;
     let answered = () => undefined as void;
-    const moving = { type: MOVING, title: "Busy", status: 409, detail: "it moves" } as Problem;
+    const moving: Problem = { ...refusal, type: MOVING };
     const jog = new Jog({
       go: () => {
         told.push("go");

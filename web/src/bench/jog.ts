@@ -11,8 +11,8 @@ export const BEAT_MS = 100;
  *  is to find it moving on. */
 export const LAPSE_MS = 1000;
 
-/** So long a press waits for that of the press before it to stand, once its end is answered, ms: whoever turns round presses sooner than an axis stands.
- *  No other motion is waited for: a press is not to begin between two pieces of it. */
+/** So long a press waits for that of the press before it to stand, once its end is answered, ms: whoever turns round presses
+ *  sooner than an axis stands. No other motion is waited for: a press is not to begin between two pieces of it. */
 export const TURN_MS = 800;
 
 export interface Press {

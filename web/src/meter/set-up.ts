@@ -13,7 +13,7 @@ export function isBeingSetUp(bench: Bench | null, job: Job | null): boolean {
   if (bench?.in_view !== "unknown" || !job) return false;
   // The job goes on a moment before the bench says so. An aperture that is set leaves before the lens what stands there.
   const setup = job.steps?.find(({ state }) => state === "now")?.setup;
-  return job.state === "waiting_for_operator" || ((setup ?? null) !== null && setup?.type !== "aperture");
+  return job.state === "waiting_for_operator" || (setup ? setup.type !== "aperture" : false);
 }
 
 /** Whether the spacing's change over the field may be a tilt: over a board of several levels it is the board's, and one of which

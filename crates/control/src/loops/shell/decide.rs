@@ -170,14 +170,14 @@ impl ShellLoop {
     /// By how much the spacing changes with Δv at an e (mm), px per mm: as the last trim has shown it, or as the camera says.
     fn trim_slope(&self, e_mm: f64, here: ShellObservation) -> f64 {
         let by_camera = self.camera.slope_delta_v(e_mm, here.trim_mm);
-        let shown = self.previous.filter(|previous| (previous.e_reading_mm - here.e_reading_mm).abs() < 1e-6);
+        let shown = self.previous.filter(|previous| {
+            // A short trim shows noise.
+            let sigma_px = previous.sigma_px.hypot(here.sigma_px);
+            (previous.e_reading_mm - here.e_reading_mm).abs() < 1e-6
+                && (here.spacing_px - previous.spacing_px).abs() > TOLD_SIGMAS * sigma_px
+        });
         let shown = shown.map(|previous| (here.spacing_px - previous.spacing_px) / (here.trim_mm - previous.trim_mm));
-        let likely = |slope: &f64| (1.0 / TOLD_WITHIN..=TOLD_WITHIN).contains(&(slope / by_camera));
-        // A short trim shows noise.
-        let told = |previous: ShellObservation| {
-            (here.spacing_px - previous.spacing_px).abs() > TOLD_SIGMAS * previous.sigma_px.hypot(here.sigma_px)
-        };
-        shown.filter(likely).filter(|_| self.previous.is_some_and(told)).unwrap_or(by_camera)
+        shown.filter(|slope| (1.0 / TOLD_WITHIN..=TOLD_WITHIN).contains(&(slope / by_camera))).unwrap_or(by_camera)
     }
 
     pub(super) fn decide_again(&mut self, here: ShellObservation) -> ShellDecision {

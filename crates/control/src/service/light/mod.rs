@@ -227,7 +227,7 @@ impl Service {
 
     /// Sets a control, and drops what was learnt and read of the camera as it was set before.
     async fn change(&self, name: ControlName, value: f64) -> Result<(), ServiceError> {
-        let before = self.eye.camera_set().await;
+        let before = if self.eye.has_white() { self.eye.camera_set().await } else { None };
         // Whatever comes of it: a camera that gives no answer may have been set all the same.
         self.forget_as_set(before);
         let set = self.bench.camera.set_control(name, value).await;
