@@ -5,7 +5,7 @@ use std::process::Command;
 use std::time::{Duration, Instant};
 
 use jiff::Timestamp;
-use plenalign::store::records::{Audit, Job, Kept, Line, Move, OperatorStep, Run};
+use plenalign::store::records::{Audit, Job, Kept, Line, Move, Run};
 use plenalign::store::{BenchName, FILE_NAME, Health, JobFilter, Store, StoreError, read};
 use serde_json::json;
 use uuid::Uuid;
@@ -176,25 +176,30 @@ async fn jobs_are_filtered_and_paged_newest_first() {
 }
 
 #[tokio::test]
-async fn how_long_jobs_took_is_told_without_their_operators_time() {
+async fn how_long_jobs_took_is_told_by_the_steps_that_count() {
     let folder = tempfile::tempdir().unwrap();
     let store = Store::open(folder.path());
     let (here, elsewhere) = (run("here"), run("elsewhere"));
     for run in [&here, &elsewhere] {
         begin(&store, run).await;
     }
-    let at = |second| Timestamp::from_second(second).unwrap();
-    for (of, state, took_s) in
-        [(&here, "converged", 60), (&here, "cancelled", 5), (&elsewhere, "converged", 7), (&here, "converged", 90)]
-    {
-        let job = Job { created_at: at(1000), ended_at: Some(at(1000 + took_s)), ..job(of, state) };
-        put(&store, &job).await;
-        // Of the second one nobody knows when it was confirmed.
-        for (number, confirmed_at) in [(1, Some(at(1012))), (2, None)] {
-            let step = OperatorStep { number, document: json!({}), asked_at: at(1002), confirmed_at };
-            let id = job.id;
-            store.write(move |writer| writer.put_operator_step(id, &step)).await.unwrap();
-        }
+    // The operator's share of a step's time is not the bench's, and of a step that was done again only the last time
+    // counts.
+    let steps = |own: f64| {
+        json!({ "steps": [
+            { "state": "done", "operator_s": 500.0, "bench_s": 10.0 },
+            { "state": "repeated", "operator_s": 400.0, "bench_s": 40.0 },
+            { "state": "done", "operator_s": 0.0, "bench_s": own - 10.0 },
+        ] })
+    };
+    for (of, state, document) in [
+        (&here, "converged", steps(50.0)),
+        (&here, "cancelled", steps(5.0)),
+        (&elsewhere, "converged", steps(7.0)),
+        (&here, "converged", steps(80.0)),
+        (&here, "converged", json!({ "steps": [] })),
+    ] {
+        put(&store, &Job { document, ..job(of, state) }).await;
     }
     let name = BenchName { spelled: "here".to_owned(), devices: None };
     let times = |kind: &'static str| {
