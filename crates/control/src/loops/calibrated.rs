@@ -5,7 +5,7 @@ use plenoptics::imaging::spacing::nominal_mask_radius;
 use plenoptics::optics::exact::ExactView;
 use plenoptics::optics::{CameraDesign, mla};
 
-/// Rounds of the fixed point from spacing to e: the shell's aberrations change by a thousandth of what e does.
+/// Rounds of the fixed points from spacing to e and to a trim: the shell's aberrations change by a thousandth of what e does.
 const E_ROUNDS: usize = 3;
 
 /// A camera whose d and b were measured in air, behind its shell.
@@ -145,6 +145,22 @@ impl CalibratedCamera {
         -self.slope_a(self.a_mm(e, trim))
     }
 
+    /// The trim (mm) that takes one spacing (px) to another at an e, from a trim (mm) on: a, which is less by the trim, from
+    /// both spacings, since over a trim that changes a by a part of itself no slope holds.
+    #[must_use]
+    pub fn trim_between(&self, from_px: f64, to_px: f64, e: f64, trim: f64) -> f64 {
+        let a_mm = |spacing_px: f64, trim: f64| {
+            let paraxial = (spacing_px - self.excess_px(e, trim)) * self.pixel_mm;
+            mla::a_from_spacing(self.design.mla.pitch, paraxial, self.mla_to_sensor_mm)
+        };
+        let from = a_mm(from_px, trim);
+        let mut by = from - a_mm(to_px, trim);
+        for _ in 0..E_ROUNDS {
+            by = from - a_mm(to_px, trim + by);
+        }
+        by
+    }
+
     /// The tilt of the spacing (px per half frame width) that a board has whose distance changes by its own width, in water
     /// and in air, with the board in air where the one in water appears. `half_width_mm` is half the sensor's width.
     #[must_use]
@@ -240,6 +256,10 @@ pub(crate) mod tests {
             assert!((camera.slope_e(e, trim) / by_e - 1.0).abs() < 1e-6);
             let by_trim = (camera.spacing_px(e, trim + h) - camera.spacing_px(e, trim - h)) / (2.0 * h);
             assert!((camera.slope_delta_v(e, trim) / by_trim - 1.0).abs() < 1e-5);
+            for by in [-0.15, 0.1] {
+                let found = camera.trim_between(spacing, camera.spacing_px(e, trim + by), e, trim);
+                assert!((found - by).abs() < 1e-6, "{found} for {by}");
+            }
             let (near, far) = (camera.air_distance_mm(spacing - h), camera.air_distance_mm(spacing + h));
             let by_spacing = (far.0 - near.0) / (2.0 * h);
             assert!((camera.air_distance_mm(spacing).1 / by_spacing - 1.0).abs() < 1e-5);

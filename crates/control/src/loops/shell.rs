@@ -22,10 +22,10 @@ const CONFIRMED_SIGMA_MM: f64 = 0.4;
 /// Measurements at one pose before the uncertainty is called too large.
 const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 /// Moves of either axis before the loop gives up, the probe not counted.
-const MAX_MOVES: u32 = 9;
+const MAX_MOVES: u32 = 12;
 /// The last of them, which are for the spacing: held off by the room, e goes nearer to the shell with the others alone.
 const MOVES_FOR_SPACING: u32 = 3;
-/// A trim's change of the spacing tells how the next will change it where it is within this factor of what the camera says.
+/// A trim tells how far the next has to go where it was within this factor of what the camera says of what it has changed.
 const TOLD_WITHIN: f64 = 2.0;
 /// A trim that the picture contradicts by no more than this is not held against the focus axis at once, mm: a carriage that
 /// sticks arrives as far beside its reading.
@@ -381,10 +381,9 @@ impl ShellLoop {
         }
         let trim = here.trim_mm - previous.trim_mm;
         let e = self.model.predict(here.e_reading_mm).0;
-        let slope = self.camera.slope_delta_v(e, here.trim_mm).abs();
-        let measured = (previous.spacing_px - here.spacing_px) / slope;
-        let measured = if self.camera.slope_delta_v(e, here.trim_mm) < 0.0 { measured } else { -measured };
-        let sigma_mm = previous.sigma_px.hypot(here.sigma_px) / slope;
+        let measured = self.camera.trim_between(previous.spacing_px, here.spacing_px, e, previous.trim_mm);
+        let slope = |o: ShellObservation| self.camera.slope_delta_v(e, o.trim_mm).abs();
+        let sigma_mm = (previous.sigma_px / slope(previous)).hypot(here.sigma_px / slope(here));
         // The focus axis is allowed a micrometre beyond its uncertainty: a trim may be as short as that.
         let fault = check_move(AxisName::Focus, trim, measured, sigma_mm, 0.002);
         let sticks = fault.is_some() && (measured - trim).abs() <= STICKS_MM + TOLD_SIGMAS * sigma_mm;

@@ -152,7 +152,7 @@ impl ShellLoop {
             return self.move_e(reading.max(self.nearest(here)), here.trim_mm);
         }
         let e_here = self.model.predict(here.e_reading_mm).0;
-        let by = (goal.spacing_px - here.spacing_px) / self.trim_slope(e_here, here);
+        let by = self.trim_to(goal.spacing_px, e_here, here);
         if (here.trim_mm + by).abs() > goal.most_trim_mm {
             return ShellDecision::NotConverged {
                 why: format!(
@@ -167,17 +167,19 @@ impl ShellLoop {
         ShellDecision::Trim { by_mm: by, predicted_px: goal.spacing_px }
     }
 
-    /// By how much the spacing changes with Δv at an e (mm), px per mm: as the last trim has shown it, or as the camera says.
-    fn trim_slope(&self, e_mm: f64, here: ShellObservation) -> f64 {
-        let by_camera = self.camera.slope_delta_v(e_mm, here.trim_mm);
-        let shown = self.previous.filter(|previous| {
+    /// The trim (mm) to a spacing (px) at an e (mm): as the camera says, by as much more or less as the last trim took.
+    fn trim_to(&self, spacing_px: f64, e_mm: f64, here: ShellObservation) -> f64 {
+        let between =
+            |from: ShellObservation, to_px| self.camera.trim_between(from.spacing_px, to_px, e_mm, from.trim_mm);
+        let last = self.previous.filter(|previous| {
             // A short trim shows noise.
             let sigma_px = previous.sigma_px.hypot(here.sigma_px);
             (previous.e_reading_mm - here.e_reading_mm).abs() < 1e-6
                 && (here.spacing_px - previous.spacing_px).abs() > TOLD_SIGMAS * sigma_px
         });
-        let shown = shown.map(|previous| (here.spacing_px - previous.spacing_px) / (here.trim_mm - previous.trim_mm));
-        shown.filter(|slope| (1.0 / TOLD_WITHIN..=TOLD_WITHIN).contains(&(slope / by_camera))).unwrap_or(by_camera)
+        let told = last.map(|previous| (here.trim_mm - previous.trim_mm) / between(previous, here.spacing_px));
+        let share = told.filter(|share| (1.0 / TOLD_WITHIN..=TOLD_WITHIN).contains(share)).unwrap_or(1.0);
+        share * between(here, spacing_px)
     }
 
     pub(super) fn decide_again(&mut self, here: ShellObservation) -> ShellDecision {
