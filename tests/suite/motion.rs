@@ -54,6 +54,23 @@ async fn a_jog_ends_at_the_wall_at_the_deadman_and_at_a_stop() {
     assert!(motion.jog(&admit(), AxisName::E, Side::High, 2.0, dead).await.is_err(), "the stop is latched");
 }
 
+/// Beyond its own limits a controller refuses in its own words, and some stop with an alarm: nothing is sent there.
+#[tokio::test(start_paused = true)]
+async fn an_axis_goes_no_further_than_its_controller_lets_it() {
+    let mut config = small_config(1);
+    config.bench.focus.low_limit_mm = -20.0;
+    let bench = open_bench(&Arc::new(config.clone())).await.unwrap();
+    let (motion, admit) = rules(config, bench);
+    motion.home(&admit(), AxisName::Focus).await.unwrap();
+    let (low, high) = motion.range_mm(AxisName::Focus);
+    assert!(low > -20.0 && low < 0.0 && high > low, "{low} to {high}");
+    let refused = motion.check(AxisName::Focus, Millimetres(low - 0.1)).unwrap_err();
+    assert!(matches!(refused, ServiceError::Refused(Refusal::Limit { .. })), "{refused}");
+    let (_grip, dead) = deadman(Duration::from_secs(60));
+    let reached = motion.jog(&admit(), AxisName::Focus, Side::Low, 2.0, dead).await.unwrap().value();
+    assert!((reached - low).abs() < 0.003, "{reached} where it may go to {low}");
+}
+
 /// Three standard uncertainties of its zero and scale together are not enough to have the lens touch.
 #[tokio::test]
 async fn a_hand_that_sees_no_picture_goes_no_nearer_than_the_axis_is_known() {

@@ -90,6 +90,9 @@ pub struct AxisState {
     /// The other axis, where homing this one homed both.
     #[prost(string, optional, tag = "6")]
     pub homes_also: ::core::option::Option<::prost::alloc::string::String>,
+    /// The controller's own least and greatest positions, mm, at the start of a job; empty where it has none.
+    #[prost(double, repeated, tag = "7")]
+    pub firmware_limits_mm: ::prost::alloc::vec::Vec<f64>,
 }
 /// What an air step leaves.
 #[derive(Clone, PartialEq, ::prost::Message)]

@@ -11,6 +11,8 @@ use plenoptics::units::Millimetres;
 
 /// Positions are reported to a thousandth of a millimetre.
 const READOUT_MM: f64 = 1e-3;
+/// How far an axis stays from the switch that it homes to, mm: pressed in a motion it ends that, and the reference.
+const SWITCH_CLEAR_MM: f64 = 1.0;
 /// A wall that follows from uncertainties stands at a hundredth of a millimetre.
 const WALL_PLACES: f64 = 100.0;
 
@@ -56,14 +58,26 @@ impl Motion {
     /// The positions an axis may be sent to now: least and greatest, mm.
     #[must_use]
     pub fn range_mm(&self, axis: AxisName) -> (f64, f64) {
-        let config = self.axis(axis);
+        let (low, high) = self.travel_mm(axis);
         match axis {
-            AxisName::Focus => (config.low_limit_mm, config.high_limit_mm),
+            AxisName::Focus => (low, high),
             // A wall beyond the travel leaves its far end.
-            AxisName::E => {
-                (config.low_limit_mm.max(self.e_wall_reading_mm()).min(config.high_limit_mm), config.high_limit_mm)
-            }
+            AxisName::E => (low.max(self.e_wall_reading_mm()).min(high), high),
         }
+    }
+
+    /// How far an axis may travel: between its configured limits, and where those are beyond its controller's, no further
+    /// than that lets it, and not up to the switch that it homes to.
+    fn travel_mm(&self, axis: AxisName) -> (f64, f64) {
+        let config = self.axis(axis);
+        let configured = (config.low_limit_mm, config.high_limit_mm);
+        let Some((low, high)) = self.bench.stage(axis).info().firmware_limits else { return configured };
+        let clear_mm = |side| if config.home_side == side { SWITCH_CLEAR_MM } else { 0.0 };
+        let low = low.value() + if low.value() > configured.0 { clear_mm(Side::Low) } else { 0.0 };
+        let high = high.value() - if high.value() < configured.1 { clear_mm(Side::High) } else { 0.0 };
+        let narrowed = (configured.0.max(low), configured.1.min(high));
+        // What leaves nothing is a contradiction, which is told elsewhere.
+        if narrowed.0 < narrowed.1 { narrowed } else { configured }
     }
 
     /// Whether a move may start now.
@@ -108,8 +122,7 @@ impl Motion {
 
     /// Limits and wall; a move that leads back towards them from outside is allowed.
     pub(super) fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
-        let config = self.axis(axis);
-        let (low, high) = (config.low_limit_mm, config.high_limit_mm);
+        let (low, high) = self.travel_mm(axis);
         let leads_back = |bound_low: f64, bound_high: f64| {
             (from.value() < bound_low && target > from && target.value() <= bound_high)
                 || (from.value() > bound_high && target < from && target.value() >= bound_low)

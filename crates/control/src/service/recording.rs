@@ -62,8 +62,12 @@ impl Service {
     pub(super) fn start_of(&self, job: &JobSnapshot) -> JobStart {
         let axis = |axis: AxisName| {
             let stage = self.bench.stage(axis);
+            let info = stage.info();
             Some(messages::AxisState {
-                disagreements: stage.info().disagreements,
+                disagreements: info.disagreements,
+                firmware_limits_mm: info
+                    .firmware_limits
+                    .map_or_else(Vec::new, |(low, high)| vec![low.value(), high.value()]),
                 homes_also: stage.homes_also().map(|other| other.name().to_owned()),
                 ..words::axis_state(&stage.state().borrow())
             })

@@ -115,14 +115,18 @@ impl ReplayedStage {
 #[async_trait]
 impl Stage for ReplayedStage {
     fn info(&self) -> StageInfo {
+        let start = &self.tape.start[index(self.axis)];
         StageInfo {
             axis: self.axis,
             driver: "replayed".to_owned(),
             identity: "REPLAY".to_owned(),
             location: self.path.display().to_string(),
-            disagreements: self.tape.start[index(self.axis)].disagreements.clone(),
+            disagreements: start.disagreements.clone(),
             contradictions: vec![],
-            firmware_limits: None,
+            firmware_limits: match *start.firmware_limits_mm {
+                [low, high] => Some((Millimetres(low), Millimetres(high))),
+                _ => None,
+            },
         }
     }
 
