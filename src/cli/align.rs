@@ -17,7 +17,7 @@ use super::{Context, Settings, remote, report};
 use crate::control::events::Event;
 use crate::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
 use crate::control::motion::lease::{DEFAULT_TTL_S, LeaseRequest};
-use crate::control::{Service, Shown, open_bench};
+use crate::control::{Refusal, Service, ServiceError, Shown, open_bench};
 use crate::state_folder::{mend, state_folder};
 use crate::store::Store;
 
@@ -145,7 +145,10 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                     (Some(step), Some(line)) => {
                         let shown = Shown { lease: Some(&grant.key), ..Shown::default() };
                         match Answer::of(&line) {
-                            Answer::Done => drop(service.confirm(id, step.number, shown)?),
+                            Answer::Done => match service.confirm(id, step.number, shown).await {
+                                Err(ServiceError::Refused(why @ Refusal::OldPicture)) => progress.say(&why.to_string()),
+                                confirmed => drop(confirmed?),
+                            },
                             Answer::Unknown => progress.say(
                                 "nothing was confirmed: Enter alone says that it is done, `again 1` asks for step 1 again",
                             ),

@@ -201,9 +201,18 @@ async fn a_replay_moves_nothing() {
     config.bench.camera.driver = CameraDriver::Files;
     config.bench.camera.files = folder.path().display().to_string();
     let service = service(config).await;
-    let job = align(&service).await;
-    assert_eq!(job.state, JobState::Failed);
-    assert!(job.reason.as_ref().unwrap().contains("no axis is driven by them"), "{:?}", job.reason);
+    for kind in JobKind::ALL.into_iter().filter(|kind| *kind != JobKind::Homing) {
+        let mut request = JobRequest::of(kind);
+        if kind == JobKind::FocusSweep {
+            (request.axis, request.from_mm, request.to_mm) = (Some(AxisName::Focus), Some(0.0), Some(1.0));
+        }
+        request.duration_s = (kind == JobKind::SpacingWatch).then_some(60.0);
+        let refused = service.create_job(&permit(&service), request).await.unwrap_err();
+        let ServiceError::Refused(Refusal::NotMeasurable { why }) = &refused else { panic!("{kind:?}: {refused:?}") };
+        assert!(why.contains("no axis is driven by them"), "{why}");
+    }
+    assert!(service.bench_view().camera.unfit.is_some());
+    assert!(service.jobs().is_empty(), "a job that cannot measure anything was begun");
     assert!(service.bench_view().axes.iter().all(|axis| !axis.homed), "an axis was homed for a replay");
 }
 

@@ -5,8 +5,9 @@ use std::time::Duration;
 
 use plenalign::config::Config;
 use plenalign::control::events::{Event, ShellState};
-use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
-use plenalign::control::{Service, Shown, open_bench};
+use plenalign::control::job::steps::StepState;
+use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState, OperatorStep};
+use plenalign::control::{Refusal, Service, ServiceError, Shown, open_bench};
 use plenalign::device::faults::{Faults, PictureFault};
 use plenalign::device::{AxisName, StageState};
 use plenalign::units::Millimetres;
@@ -191,12 +192,112 @@ async fn a_job_that_loses_an_axis_at_a_prompt_ends_there() {
         answered = step.number;
         match step.name.as_str() {
             "shell_and_water" => service.bench().e.forget_position(),
-            _ => drop(service.confirm(id, answered, shown).unwrap()),
+            _ => drop(service.confirm(id, answered, shown).await.unwrap()),
         }
     };
     failed_naming(&job, &["where the e axis stands was lost while the operator was at work"]);
     assert_eq!(job.operator_step, None);
     assert_ne!(service.bench_view().shell, ShellState::On);
+}
+
+/// An alignment whose operator does something at each prompt and confirms it.
+async fn prompted(mut at: impl FnMut(&OperatorStep, &dyn Fn(PictureFault))) -> JobSnapshot {
+    let mut config = small_config(9);
+    config.bench.simulation.operator_confirms = false;
+    let service = service(config).await;
+    let simulated = service.bench().simulated.clone().unwrap();
+    let show = |picture| {
+        let mut faults = Faults::default();
+        faults.camera.picture = picture;
+        simulated.set_faults(faults);
+    };
+    let mut events = service.subscribe();
+    let (key, permit) = key_and_permit(&service);
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    let mut answered = 0;
+    loop {
+        let Event::Job { job } = events.recv().await.unwrap() else { continue };
+        if job.id == id && job.state.is_final() {
+            return service.job(id).unwrap();
+        }
+        let Some(step) = job.operator_step.as_ref().filter(|step| step.number > answered) else { continue };
+        answered = step.number;
+        at(step, &show);
+        service.confirm(id, answered, Shown { lease: Some(&key), ..Shown::default() }).await.unwrap();
+    }
+}
+
+/// Noise is sharp as well: no axis is led by it, and nobody is told to change what is right.
+#[tokio::test(start_paused = true)]
+async fn what_is_asked_for_in_the_dark_is_asked_for_again() {
+    let mut dark = Vec::new();
+    let job = prompted(|step, show| {
+        let first = step.because.is_none() && step.name != "aperture";
+        if first {
+            dark.push(step.number);
+        } else if let Some(because) = &step.because {
+            assert!(because.contains("rame is blank") && step.instruction.starts_with(because), "{step:?}");
+            assert_eq!(step.repeats, dark.last().copied(), "{step:?}");
+        }
+        show(if first { PictureFault::Dark } else { PictureFault::None });
+    })
+    .await;
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    assert!(dark.len() >= 3, "{dark:?}");
+    for step in job.steps.iter().filter(|step| step.number.is_some_and(|number| dark.contains(&number))) {
+        assert_eq!(step.state, StepState::Repeated, "{step:?}");
+    }
+    assert!(!job.log.iter().any(|line| line.message.contains("sharpness")), "{:#?}", job.log);
+}
+
+#[tokio::test(start_paused = true)]
+async fn where_it_stays_dark_nothing_is_blamed_but_that() {
+    for place in ["board_in_air", "shell_and_water"] {
+        let job = prompted(|step, show| {
+            show(if step.name.ends_with(place) { PictureFault::Dark } else { PictureFault::None });
+        })
+        .await;
+        failed_naming(&job, &["frame is blank"]);
+        assert!(!job.reason.as_ref().unwrap().contains("initial_e_mm"), "{:?}", job.reason);
+        let ways = job.log.iter().filter(|line| line.message.contains("on to"));
+        assert_eq!(ways.count(), 0, "an axis was led by noise: {:#?}", job.log);
+        let asked = job.steps.iter().filter(|step| step.name.ends_with(place) && step.number.is_some());
+        assert_eq!(asked.count(), 3, "{:#?}", job.steps);
+    }
+}
+
+/// What comes next would be measured in the old picture, and the job would end at it.
+#[tokio::test(start_paused = true)]
+async fn no_prompt_is_confirmed_while_the_camera_gives_an_old_picture_again() {
+    let mut config = small_config(9);
+    config.bench.simulation.operator_confirms = false;
+    let service = service(config).await;
+    let simulated = service.bench().simulated.clone().unwrap();
+    let mut events = service.subscribe();
+    let (key, permit) = key_and_permit(&service);
+    let shown = Shown { lease: Some(&key), ..Shown::default() };
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    let mut answered = 0;
+    let job = loop {
+        let Event::Job { job } = events.recv().await.unwrap() else { continue };
+        if job.id == id && job.state.is_final() {
+            break job;
+        }
+        let Some(step) = job.operator_step.as_ref().filter(|step| step.number > answered) else { continue };
+        answered = step.number;
+        let mut frozen = Faults::default();
+        frozen.camera.frozen = true;
+        simulated.set_faults(frozen);
+        for _ in 0..2 {
+            let refused = service.confirm(id, answered, shown).await.unwrap_err();
+            assert!(matches!(refused, ServiceError::Refused(Refusal::OldPicture)), "{refused:?}");
+            assert_eq!(service.job(id).unwrap().operator_step.unwrap().number, answered, "it waits for it still");
+        }
+        simulated.set_faults(Faults::default());
+        service.confirm(id, answered, shown).await.unwrap();
+    };
+    assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
+    assert!(answered >= 4, "{answered} prompts");
 }
 
 #[tokio::test]

@@ -84,7 +84,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
             }
             (3, name) => {
                 assert_eq!((name, step.repeats), ("white_frame", Some(1)));
-                service.confirm(id, 3, shown).unwrap();
+                service.confirm(id, 3, shown).await.unwrap();
             }
             (_, "aperture") if !at_aperture => {
                 (at_aperture, iterations) = (true, job.iterations.len());
@@ -106,7 +106,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
             }
             // It has come to where it was; the rest is as without.
             (_, "shell_and_water") => drop(service.cancel(id).unwrap()),
-            _ => drop(service.confirm(id, step.number, shown).unwrap()),
+            _ => drop(service.confirm(id, step.number, shown).await.unwrap()),
         }
     };
     assert_eq!(job.state, JobState::Cancelled, "{:?}", job.reason);

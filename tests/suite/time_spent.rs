@@ -33,7 +33,7 @@ async fn a_report_says_where_all_of_the_time_went() {
         .await;
         let Some(step) = &job.operator_step else { break job };
         elapse(OPERATOR).await;
-        service.confirm(id, step.number, Shown { lease: Some(&key), ..Shown::default() }).unwrap();
+        service.confirm(id, step.number, Shown { lease: Some(&key), ..Shown::default() }).await.unwrap();
         (asked, seen) = (asked + 1, step.number);
     };
     let whole_s = began.elapsed().as_secs_f64();

@@ -68,6 +68,8 @@ pub struct CameraView {
     pub online: bool,
     /// Why not.
     pub fault: Option<String>,
+    /// Why none of its frames is measured, however many arrive: no job but homing begins.
+    pub unfit: Option<String>,
     /// Frames lost so far, damaged ones included.
     pub frames_lost: u64,
     /// Frames that came damaged so far: none of them is shown or measured.

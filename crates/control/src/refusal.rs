@@ -228,6 +228,12 @@ pub enum Refusal {
     /// A confirmation that shows neither the job's lease nor its confirm key.
     #[error("what is shown is neither the key of the job's lease nor its confirm key; a lost one can be replaced")]
     ConfirmKeyWrong,
+    /// A confirmation while the camera gives an old picture again: what follows would be measured in it.
+    #[error(
+        "the camera gives an old picture again as if it were new: unplug it and plug it in again, and confirm then; nothing \
+         of the job is lost by that"
+    )]
+    OldPicture,
     /// No confirm key could be made.
     #[error("no confirm key can be made: {why}")]
     NoConfirmKey {

@@ -113,6 +113,7 @@ impl From<Refusal> for Problem {
                 let title = "The key confirms nothing of this job";
                 Self::new(StatusCode::FORBIDDEN, "confirm-key-wrong", title, it.to_string())
             }
+            Refusal::OldPicture => Self::refused("old-picture", "The picture is an old one", it, json!({})),
             Refusal::NoConfirmKey { .. } => {
                 let title = "No confirm key can be made";
                 Self::new(StatusCode::SERVICE_UNAVAILABLE, "no-confirm-key", title, it.to_string())

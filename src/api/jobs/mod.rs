@@ -177,7 +177,7 @@ async fn of_earlier_run(app: &App, id: Uuid) -> Problem {
         (status = 200, body = JobResource),
         FromHistory,
         Keyed,
-        (status = 409, description = "The job does not wait for this", body = Problem,
+        (status = 409, description = "The job does not wait for this, or the camera gives an old picture again", body = Problem,
          content_type = "application/problem+json"),
     )
 )]
@@ -188,7 +188,7 @@ pub(super) async fn confirm(
     keys: ConfirmKeys,
     JsonBody(request): JsonBody<ConfirmRequest>,
 ) -> Result<Json<JobResource>> {
-    let confirmed = app.service.confirm(id, request.step, keys.shown());
+    let confirmed = app.service.confirm(id, request.step, keys.shown()).await;
     answered(&app, &principal, id, confirmed, ("job.confirm", request.step)).await
 }
 

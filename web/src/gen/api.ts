@@ -1434,6 +1434,8 @@ export interface components {
       online: boolean;
       /** @description Whether recorded frames are played from files: nothing that is seen is happening now. */
       replay: boolean;
+      /** @description Why none of its frames is measured, however many arrive: no job but homing begins. */
+      unfit?: string | null;
     };
     /** @description How clear the picture was. */
     ClarityThen: {
@@ -4649,6 +4651,8 @@ export interface components {
     };
     /** @description What the operator is asked to do. */
     OperatorStep: {
+      /** @description Why the job itself asks for that step again, in words: what came of it could not be used. */
+      because?: string | null;
       /** @description What to do, in full sentences with the number that matters. */
       instruction: string;
       /** @description Short name, e.g. `white_frame`. */
@@ -8297,7 +8301,7 @@ export interface operations {
           "application/problem+json": components["schemas"]["Problem"];
         };
       };
-      /** @description The job does not wait for this */
+      /** @description The job does not wait for this, or the camera gives an old picture again */
       409: {
         headers: {
           [name: string]: unknown;

@@ -58,7 +58,7 @@ impl Alignment<'_> {
         let (mut kind, mut predicted, mut frames) = (IterationKind::Start, None, 1);
         let moves_before = self.findings.moves_air;
         self.findings.air_done = false;
-        let mut boards = None;
+        let (mut boards, mut dark) = (None, 0);
         for _ in 0..MAX_MEASUREMENTS {
             let reading_mm = self.motion.position_mm(AxisName::Focus)?;
             let expected = air.model().map_or((reading_mm, plan.unknown_delta_v_mm(reading_mm)), |model| {
@@ -81,7 +81,15 @@ impl Alignment<'_> {
                 air.seen_otherwise(reading_mm);
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
-            let (observation, seen) = match self.observe_air(standing, plan, frames).await {
+            let looked = self.observe_air(standing, plan, frames).await;
+            if let Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) = &looked
+                && let Some(why) = self.without_light(&mut dark).await?
+            {
+                self.context.once_more(&why);
+                self.place(standing).await?;
+                continue;
+            }
+            let (observation, seen) = match looked {
                 Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if self.may_change_to_flat(standing) => {
                     self.context.log(format!("{why}: {IN_TURN}"));
                     (*plan, boards) = (plan.with_flat_board(), None);

@@ -42,7 +42,9 @@ pub(super) const VERIFY_FRAMES: u32 = 2;
 /// Times that a white frame is asked for, one after another, while what is taken cannot be one.
 const WHITE_TRIES: u32 = 3;
 /// What is said before it is asked for once more.
-const OLD_WHITE: &str = "The camera gave an old picture again as if it were new: unplug it and plug it in again. ";
+const OLD_WHITE: &str = "The camera gave an old picture again as if it were new: unplug it and plug it in again";
+/// How often boards are asked for again because nothing could be seen of them.
+const DARK_TRIES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
 pub(super) const MAX_MEASUREMENTS: u32 = 60;
 
@@ -314,21 +316,21 @@ impl Alignment<'_> {
 
     /// `why`: a sentence before what the operator is asked to do; empty where it explains itself.
     async fn white_frame_asked_for(&mut self, why: &str) -> Result<(), JobEnd> {
-        let mut why = why.to_owned();
         let mut tries = WHITE_TRIES;
+        let instruction = format!(
+            "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
+        );
         let found = loop {
-            let instruction = format!(
-                "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
-            );
+            let instruction = instruction.clone();
             self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
             self.motion.set_shell(ShellState::Off);
             self.context.doing("white frame");
             tries -= 1;
             match self.context.unless_cancelled(self.eye.take_white()).await {
                 // It may have hung since long before, and be of anything.
-                Err(JobEnd::NotMeasured(NotMeasured::OldPicture)) if tries > 0 => OLD_WHITE.clone_into(&mut why),
-                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why: unfit })) if tries > 0 => {
-                    why = format!("{unfit}. ");
+                Err(JobEnd::NotMeasured(NotMeasured::OldPicture)) if tries > 0 => self.context.once_more(OLD_WHITE),
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if tries > 0 => {
+                    self.context.once_more(&why);
                 }
                 found => break found?,
             }
@@ -354,6 +356,19 @@ impl Alignment<'_> {
                 list(offset)
             ),
             None => format!("{} mm from the lens's principal point", list(0.0)),
+        }
+    }
+
+    /// Why nothing can be seen where a frame could not be measured, whatever the focus: it is dark, or far too bright. `None`
+    /// where that is not why. `before` counts how often it was why, and after [`DARK_TRIES`] it is the job's end.
+    pub(super) async fn without_light(&self, before: &mut u32) -> Result<Option<String>, JobEnd> {
+        match self.context.unless_cancelled(self.eye.check_light()).await {
+            Ok(()) => Ok(None),
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if *before < DARK_TRIES => {
+                *before += 1;
+                Ok(Some(why))
+            }
+            Err(end) => Err(end),
         }
     }
 

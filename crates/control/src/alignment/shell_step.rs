@@ -48,12 +48,13 @@ impl Alignment<'_> {
         }
         self.motion.shell_may_be_on();
         self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
-        self.ask("shell_and_water", instruction, Some(format!("{distance_mm:.1} mm")), setup).await?;
+        let value = format!("{distance_mm:.1} mm");
+        self.ask("shell_and_water", instruction.clone(), Some(value.clone()), setup.clone()).await?;
         self.motion.set_shell(ShellState::On);
         let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
-        let mut first_look = true;
+        let (mut first_look, mut dark, mut led) = (true, 0, false);
         let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
@@ -65,8 +66,16 @@ impl Alignment<'_> {
             let seen = self.spacing_at_rest(kind, frames).await;
             let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm, trim_bound_mm: 0.0 };
             let seen = match seen {
-                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
-                    return Err(self.look_through_shell(&look, plan, why).await);
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look && !led => {
+                    if let Some(why) = self.without_light(&mut dark).await? {
+                        self.context.once_more(&why);
+                        self.ask("shell_and_water", instruction.clone(), Some(value.clone()), setup.clone()).await?;
+                        self.motion.set_shell(ShellState::On);
+                    } else {
+                        self.look_through_shell(&look, plan, why).await?;
+                        led = true;
+                    }
+                    continue;
                 }
                 seen => seen?,
             };

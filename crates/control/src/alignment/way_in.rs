@@ -129,11 +129,25 @@ impl Alignment<'_> {
     }
 
     /// What to look at where the first picture through the shell cannot be measured: with the focus axis led to where it
-    /// can, the picture says what is not as it was asked for. The axis goes back to where it stood.
-    pub(crate) async fn look_through_shell(&self, look: &ShellLook<'_>, plan: &Plan, why: String) -> JobEnd {
+    /// can, the picture says what is not as it was asked for. The axis goes back to where it stood, and where the picture
+    /// can be measured there by then, it was in nothing's way but its own.
+    pub(crate) async fn look_through_shell(
+        &self,
+        look: &ShellLook<'_>,
+        plan: &Plan,
+        why: String,
+    ) -> Result<(), JobEnd> {
         self.context
             .log(format!("{why}: the focus axis is led by the picture's sharpness, to see what is before the lens"));
-        self.named_through_shell(look, plan, &why).await.map_or_else(|end| end, JobEnd::failed)
+        let named = self.named_through_shell(look, plan, &why).await?;
+        match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
+            Ok(_) => {
+                self.context.log("back where it stood the picture can be measured now: the step goes on");
+                Ok(())
+            }
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => Err(JobEnd::failed(named)),
+            Err(end) => Err(end),
+        }
     }
 
     async fn named_through_shell(&self, look: &ShellLook<'_>, plan: &Plan, why: &str) -> Result<String, JobEnd> {

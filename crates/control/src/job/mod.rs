@@ -193,6 +193,9 @@ pub struct OperatorStep {
     /// Number of the earlier step that it takes the place of, where that was asked for again.
     #[serde(default)]
     pub repeats: Option<u32>,
+    /// Why the job itself asks for that step again, in words: what came of it could not be used.
+    #[serde(default)]
+    pub because: Option<String>,
     /// Numbers of the earlier steps that can be asked for again in place of confirming this one.
     #[serde(default)]
     pub repeatable: Vec<u32>,
@@ -291,6 +294,11 @@ impl JobSnapshot {
     /// The job without its iterations and its log, which the history keeps one by one.
     pub(super) fn bare(&self) -> Self {
         Self { iterations: Vec::new(), log: Vec::new(), ..self.clone() }
+    }
+
+    /// Whether it waits for the confirmation of an operator's step.
+    pub(crate) fn waits_for(&self, step: u32) -> bool {
+        self.operator_step.as_ref().is_some_and(|asked| asked.number == step)
     }
 }
 

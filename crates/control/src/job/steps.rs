@@ -145,6 +145,13 @@ pub(crate) fn end(steps: &mut [JobStep], spent: &TimeSpent) {
     }
 }
 
+/// What came of a step could not be used, and another takes its place.
+pub(crate) fn useless(steps: &mut [JobStep], number: Option<u32>) {
+    for step in steps.iter_mut().filter(|step| step.number.is_some() && step.number == number) {
+        step.state = StepState::Repeated;
+    }
+}
+
 /// The numbers of the operator's steps, from `from` on, that can be asked for again while one of this name waits: the last
 /// white frame and the last board. Nothing while a white frame is waited for, which goes before both.
 pub(crate) fn repeatable(steps: &[JobStep], from: u32, waiting: &str) -> Vec<u32> {

@@ -45,6 +45,8 @@ struct Asking {
     repeat_from: Option<u32>,
     /// The step that is asked for again next.
     again: Option<u32>,
+    /// Why the next step is the one before once more, in words.
+    because: Option<String>,
     /// How far the job was when each of the operator's steps began.
     far: HashMap<u32, u32>,
 }
@@ -261,9 +263,9 @@ impl JobContext {
         setup: Setup,
     ) -> Result<(), JobEnd> {
         let number = self.steps_asked.fetch_add(1, Ordering::SeqCst) + 1;
-        let step = self.begin_to_ask(number, name, instruction.clone(), value, &setup);
+        let step = self.begin_to_ask(number, name, instruction, value, &setup);
         self.doing(format!("waiting for the operator: {}", name.replace('_', " ")));
-        self.log(format!("operator step {number}: {instruction}"));
+        self.log(format!("operator step {number}: {}", step.instruction));
         let asked_at = jiff::Timestamp::now();
         let id = self.job.snapshot().id;
         self.job.journal.operator_step(id, &step, asked_at, None);
@@ -317,21 +319,30 @@ impl JobContext {
         setup: &Setup,
     ) -> OperatorStep {
         let spent = self.spent_on_step();
-        let (from, again) = {
+        let (from, again, because) = {
             let mut asking = self.asking();
-            (asking.repeat_from, asking.again.take())
+            (asking.repeat_from, asking.again.take(), asking.because.take())
         };
+        let again = again.or_else(|| {
+            let snapshot = self.job.snapshot();
+            let before = snapshot.steps.iter().rfind(|step| step.name == name && step.number.is_some());
+            before.filter(|_| because.is_some()).and_then(|step| step.number)
+        });
         let mut step = OperatorStep {
             number,
             name: name.to_owned(),
-            instruction,
+            instruction: because.as_ref().map_or(instruction.clone(), |because| format!("{because} {instruction}")),
             value: value.clone(),
             repeats: again,
+            because: because.clone(),
             repeatable: Vec::new(),
         };
         self.job.change(|job| {
             let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
             steps::begin(&mut job.steps, begun, &spent);
+            if because.is_some() {
+                steps::useless(&mut job.steps, again);
+            }
             steps::discard(&mut job.iterations, &job.steps);
             if again.is_some() {
                 job.progress.measure = job.iterations.iter().rfind(|it| !it.discarded).map(measure);
@@ -340,6 +351,13 @@ impl JobContext {
             step.repeatable = from.map_or_else(Vec::new, |from| steps::repeatable(&job.steps, from, name));
         });
         step
+    }
+
+    /// What came of the step before could not be used: the next one is the same once more, and says why, as a sentence.
+    pub(crate) fn once_more(&self, why: &str) {
+        let mut letters = why.chars();
+        let first = letters.next().map(|first| first.to_uppercase());
+        self.asking().because = first.map(|first| format!("{first}{}.", letters.as_str().trim_end_matches('.')));
     }
 
     /// In place of step `number` an earlier one is asked for again: how the work so far ends.

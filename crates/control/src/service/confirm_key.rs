@@ -1,7 +1,9 @@
 //! Confirming what a job asks of its operator: by its lease, or by the confirm key that whoever started it hands on.
 
 use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
 
+use tokio::time::{Instant, timeout_at};
 use uuid::Uuid;
 
 use super::Service;
@@ -11,6 +13,8 @@ use bench::access::{Digest, Secret};
 
 /// What a confirm key begins with.
 const PREFIX: &str = "confirm_";
+/// How long a new picture is waited for: of a camera that is slower the job finds out what it gives.
+const PATIENCE: Duration = Duration::from_secs(2);
 
 /// What a request shows to be let confirm.
 #[derive(Debug, Clone, Copy, Default)]
@@ -68,12 +72,16 @@ impl Service {
     /// Confirms the operator step that a job waits for.
     ///
     /// # Errors
-    /// When there is no such job, it does not wait for that step, or neither its lease nor its confirm key is shown.
-    pub fn confirm(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
+    /// When there is no such job, it does not wait for that step, neither its lease nor its confirm key is shown, or the
+    /// camera gives an old picture again.
+    pub async fn confirm(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
         let job = self.find(id)?;
         // What has ended waits for nothing, whatever is shown, and says so.
         if !job.snapshot().state.is_final() {
             self.may_confirm(id, shown)?;
+            if job.snapshot().waits_for(step) && self.gives_old_picture().await {
+                return Err(Refusal::OldPicture.into());
+            }
         }
         job.confirm(step)?;
         Ok(job.snapshot())
@@ -92,6 +100,22 @@ impl Service {
         }
         job.repeat(step)?;
         Ok(job.snapshot())
+    }
+
+    /// Whether the next frame that comes by itself has the very picture of the one before it.
+    async fn gives_old_picture(&self) -> bool {
+        let mut live = self.bench.camera.live();
+        let until = Instant::now() + PATIENCE;
+        let mut before = live.borrow_and_update().clone();
+        loop {
+            let Ok(Ok(())) = timeout_at(until, live.changed()).await else { return false };
+            let frame = live.borrow_and_update().clone();
+            if let (Some(before), Some(frame)) = (&before, &frame) {
+                self.eye.first_alike(before).await;
+                return !frame.replayed && self.eye.first_alike(frame).await != frame.seq;
+            }
+            before = frame;
+        }
     }
 
     fn may_confirm(&self, id: Uuid, shown: Shown<'_>) -> Result<(), Refusal> {

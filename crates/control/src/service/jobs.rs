@@ -11,7 +11,7 @@ use uuid::Uuid;
 use super::Service;
 use super::by_hand::broken;
 use crate::alignment::runner;
-use crate::job::{JobRequest, JobSnapshot, JobState, Recording, RecordingState, word};
+use crate::job::{JobKind, JobRequest, JobSnapshot, JobState, Recording, RecordingState, word};
 use crate::motion::Admission;
 use crate::motion::lease::Permit;
 use crate::recording::{FileSink, Happening, Sink};
@@ -105,6 +105,13 @@ impl Service {
         Ok((job, Acceptance::Now))
     }
 
+    /// Whether the camera's frames may be measured, where a job is to measure them.
+    fn can_be_measured(&self, kind: JobKind) -> Result<(), Refusal> {
+        let unfit = self.bench.camera.state().borrow().unfit.clone();
+        let why = unfit.filter(|_| kind != JobKind::Homing);
+        why.map_or(Ok(()), |why| Err(Refusal::NotMeasurable { why }))
+    }
+
     async fn accept_job(
         self: &Arc<Self>,
         permit: &Permit,
@@ -114,6 +121,10 @@ impl Service {
         recorded: Recorded,
     ) -> Result<JobSnapshot, ServiceError> {
         request.check(&self.config)?;
+        // A replay meets again what the job met.
+        if recorded.sink.is_none() {
+            self.can_be_measured(request.kind)?;
+        }
         self.history_ready().await?;
         let (job, context) = self.reserve(permit, &admission, &request, key)?;
         let written = self.journal.begin_job(job.chronicle()).await.map_err(ServiceError::from);

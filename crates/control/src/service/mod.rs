@@ -211,6 +211,7 @@ impl Service {
                 identity: camera.identity,
                 online: camera.online,
                 fault: camera.fault,
+                unfit: camera.unfit,
                 frames_lost: camera.frames_lost,
                 frames_damaged: camera.frames_damaged,
                 notes: camera.notes,

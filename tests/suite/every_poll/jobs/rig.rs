@@ -166,7 +166,7 @@ impl Rig {
                 self.points.pass(Point::Prompted);
                 // The point may have been its end.
                 let shown = Shown { lease: Some(&self.grant.key), confirm: None };
-                let _ = self.service.confirm(id, step.number, shown);
+                let _ = self.service.confirm(id, step.number, shown).await;
             }
             elapse(Duration::from_millis(20)).await;
         }

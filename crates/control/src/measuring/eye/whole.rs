@@ -15,6 +15,7 @@ use crate::spacing::SpacingReading;
 use bench::device::{AxisPose, Frame};
 use bench::telemetry;
 use plenoptics::imaging::clarity::{self, Sharpness};
+use plenoptics::imaging::grid::check_light;
 use plenoptics::imaging::measurement::evened;
 use plenoptics::raw::RawImage;
 use plenoptics::units::Millimetres;
@@ -64,7 +65,18 @@ impl Eye {
     /// How sharp the raw frame is that the camera gives at rest.
     pub(crate) async fn sharpness(&self) -> Result<Sharpness, NotMeasured> {
         let (frame, mosaic) = (self.frame().await?, self.config.sensor.mosaic);
-        blocking(move || Ok(clarity::sharpness(&evened(&frame.image, mosaic)))).await
+        blocking(move || {
+            // Noise is sharp as well.
+            check_light(&frame.image).map_err(|error| error.to_string())?;
+            Ok(clarity::sharpness(&evened(&frame.image, mosaic)))
+        })
+        .await
+    }
+
+    /// Whether the camera sees anything at all: nothing can be measured in the dark, wherever the axes stand.
+    pub(crate) async fn check_light(&self) -> Result<(), NotMeasured> {
+        let frame = self.frame().await?;
+        blocking(move || check_light(&frame.image).map_err(|error| error.to_string())).await
     }
 
     /// The spacing of the flat board over so many frames, which is neither kept nor shown.

@@ -238,6 +238,15 @@ impl Levels {
     }
 }
 
+/// Whether a frame has light to be seen by, and not too much of it. A micro-image is darker at its edge than in its middle
+/// however far out of focus it is: a frame without contrast is no matter of focus.
+///
+/// # Errors
+/// [`GridError::Blank`], [`GridError::Saturated`].
+pub fn check_light(image: &RawImage) -> Result<(), GridError> {
+    Levels::of(image).refuse()
+}
+
 /// Whether a level is the greatest of a converter of 8 to 16 bits.
 fn is_full_scale(level: u16) -> bool {
     level >= 255 && (u32::from(level) + 1).is_power_of_two()

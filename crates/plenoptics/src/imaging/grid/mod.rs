@@ -35,7 +35,7 @@ use crate::optics::ArrayKind;
 pub(super) use phases::median;
 
 pub use check::{GridCheck, GridState, check_grid};
-pub use frame::pixel_noise;
+pub use frame::{check_light, pixel_noise};
 pub use search::{PITCH_FOLLOWED, find_grid, lens_residuals, refine_grid};
 pub use sigma::GridSigma;
 
