@@ -139,6 +139,17 @@ try {
   assert.match(await listed("Cat"), /Last used never/);
   await fetch(new URL("api/v1/bench", address), { headers: { authorization: `Bearer ${cat}` } });
   await until(async () => !/Last used never/.test(await listed("Cat")), "a token used goes on as never used");
+
+  step("a token is made for a while, by the daemon's clock");
+  await page.locator("#token-name").fill("Shift");
+  await page.getByRole("button", { name: "8 hours" }).click();
+  await page.getByRole("button", { name: "Make a token" }).click();
+  await page.locator(".token-list li", { hasText: "Shift" }).waitFor();
+  await page.getByRole("button", { name: "I have kept it" }).click();
+  const { tokens } = await page.evaluate(async () => (await fetch("api/v1/tokens")).json());
+  const lasts = Date.parse(tokens.find(({ name }) => name === "Shift").expires_at) - Date.now();
+  assert(Math.abs(lasts / 3_600_000 - 8) < 0.1, `it lasts ${lasts} ms`);
+  assert.match(await listed("Shift"), /Ends .*\d:\d\d/);
   await page.locator("#sign-out").click();
 
   step("a token that expires ends what is shown, and says that it has and when, also after a reload");

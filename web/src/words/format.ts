@@ -59,3 +59,8 @@ export function clock(at: string): string {
 export function moment(at: string): string {
   return new Date(at).toLocaleString(spoken.locale, { dateStyle: "medium", timeStyle: "medium" });
 }
+
+/** The same to the minute: of what is known no better. */
+export function aboutWhen(at: string): string {
+  return new Date(at).toLocaleString(spoken.locale, { dateStyle: "medium", timeStyle: "short" });
+}

@@ -63,6 +63,13 @@ export const settings: typeof en.settings = {
   tokensMore: "Ein Token lässt jemanden ein. Sein Geheimnis wird einmal gezeigt.",
   tokenName: "Name",
   tokenScope: "Rechte",
+  tokenLasts: "Wie lange es gilt",
+  tokenLasting: {
+    forever: "bis zum Widerruf",
+    shift: "8 Stunden",
+    week: "7 Tage",
+    quarter: "90 Tage",
+  },
   tokenExpires: "Endet",
   tokenExpired: "Hat geendet",
   tokenNever: "nicht von selbst",

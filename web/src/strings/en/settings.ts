@@ -67,6 +67,13 @@ export const settings = {
   tokensMore: "A token lets somebody in. Its secret is shown once.",
   tokenName: "Name",
   tokenScope: "Scope",
+  tokenLasts: "How long it lasts",
+  tokenLasting: {
+    forever: "until it is revoked",
+    shift: "8 hours",
+    week: "7 days",
+    quarter: "90 days",
+  },
   tokenExpires: "Ends",
   tokenExpired: "Ended",
   tokenNever: "not by itself",

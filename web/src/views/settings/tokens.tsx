@@ -1,7 +1,7 @@
-import { moment } from "../../words/format";
+import { aboutWhen, moment } from "../../words/format";
 import { useEffect, useState } from "preact/hooks";
 import * as api from "../../daemon/api";
-import { secondsLeft } from "../../daemon/clock";
+import { aheadOfWall, secondsLeft } from "../../daemon/clock";
 import { strings } from "../../strings";
 import { able, type State } from "../../state";
 import type { Scope, Token, TokenRequest } from "../../daemon/wire";
@@ -11,6 +11,11 @@ import type { Given } from "../given";
 import { Choice } from "../toggle";
 
 const SCOPES: readonly Scope[] = ["view", "control", "admin"];
+
+/** How long a token can be made to last, h; infinity for until it is revoked. */
+const LASTS = { forever: Infinity, shift: 8, week: 7 * 24, quarter: 90 * 24 } as const;
+type Lasting = keyof typeof LASTS;
+const HOUR_MS = 3_600_000;
 
 /** How often the list is asked for anew, ms. */
 const RENEWED_MS = 5_000;
@@ -60,7 +65,8 @@ export function Tokens({ act, load, state, now, makeToken }: Given) {
               <b>{token.name}</b> · {strings.signIn.scope[token.scope]}
               <br />
               <span class="quiet">
-                {strings.settings.tokenLast} {when(token.last_used_at, strings.settings.tokenUnused)} ·{" "}
+                {strings.settings.tokenLast}{" "}
+                {token.last_used_at ? aboutWhen(token.last_used_at) : strings.settings.tokenUnused} ·{" "}
                 {lets(token) ? strings.settings.tokenExpires : strings.settings.tokenExpired}{" "}
                 {when(token.expires_at, strings.settings.tokenNever)}
               </span>
@@ -102,10 +108,10 @@ export function Tokens({ act, load, state, now, makeToken }: Given) {
       )}
       <MakeToken
         key={String(first)}
-        scope={first ? "admin" : "view"}
+        first={first}
         disabled={!here}
-        make={async (token) => {
-          if (!first) return make(token);
+        make={async (token, lasting) => {
+          if (!first) return make({ ...token, expires_at: inHours(LASTS[lasting], state, now) });
           want(token);
           return false;
         }}
@@ -128,6 +134,14 @@ function letsIn({ expires_at: until }: Token, { clock }: State, now: number): bo
   return !until || secondsLeft(until, clock, now) > 0;
 }
 
+/** The moment in so many hours by the daemon's clock, RFC 3339: the browser's may be wrong; null for never. */
+function inHours(hours: number, { clock }: State, now: number): string | null {
+  if (!Number.isFinite(hours)) return null;
+  const aheadMs = aheadOfWall(clock);
+  const today = aheadMs === null ? Date.now() : now - aheadMs;
+  return new Date(today + hours * HOUR_MS).toISOString();
+}
+
 /** Who loses more by its end than a token, of those that are valid. */
 function losses(token: Token, valid: Token[], { session }: State): string[] {
   const words = strings.settings;
@@ -145,22 +159,23 @@ function losses(token: Token, valid: Token[], { session }: State): string[] {
 }
 
 interface MakeProps {
-  /** The scope that is chosen at first. */
-  scope: Scope;
+  /** Whether there is none yet: it is an administrator's at first, and ends for nobody by itself. */
+  first: boolean;
   disabled: boolean;
   /** Whether there is nothing more to be said of it. */
-  make: (token: TokenRequest) => Promise<boolean>;
+  make: (token: TokenRequest, lasting: Lasting) => Promise<boolean>;
 }
 
-function MakeToken({ scope: standard, disabled, make }: MakeProps) {
+function MakeToken({ first, disabled, make }: MakeProps) {
   const [name, setName] = useState("");
-  const [scope, setScope] = useState<Scope>(standard);
+  const [scope, setScope] = useState<Scope>(first ? "admin" : "view");
+  const [lasting, setLasting] = useState<Lasting>("forever");
   return (
     <form
       class="make-token"
       onSubmit={(event) => {
         event.preventDefault();
-        void make({ name: name.trim(), scope }).then((ok) => ok && setName(""));
+        void make({ name: name.trim(), scope }, lasting).then((ok) => ok && setName(""));
       }}
     >
       <label>
@@ -180,6 +195,15 @@ function MakeToken({ scope: standard, disabled, make }: MakeProps) {
         name={(scope) => strings.signIn.scope[scope]}
         choose={setScope}
       />
+      {!first && (
+        <Choice
+          label={strings.settings.tokenLasts}
+          of={Object.keys(LASTS) as Lasting[]}
+          chosen={lasting}
+          name={(lasting) => strings.settings.tokenLasting[lasting]}
+          choose={setLasting}
+        />
+      )}
       <button type="submit" disabled={disabled}>
         {strings.settings.tokenCreate}
       </button>
