@@ -256,6 +256,8 @@ class CameraView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Whether frames arrive."""
     replay: bool
     """Whether recorded frames are played from files: nothing that is seen is happening now."""
+    unfit: str | None = None
+    """Why none of its frames is measured, however many arrive: no job but homing begins."""
 
 
 class ClarityThen(Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -1390,6 +1392,8 @@ class ObstacleView(Struct, frozen=True, kw_only=True, omit_defaults=True):
 class OperatorStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """What the operator is asked to do."""
 
+    because: str | None = None
+    """Why the job itself asks for that step again, in words: what came of it could not be used."""
     instruction: str
     """What to do, in full sentences with the number that matters."""
     name: str
