@@ -100,11 +100,13 @@ try {
   assert.equal(await page.locator(".earlier", { hasText: "of earlier on" }).count(), 0);
   await open(page, "Live");
 
-  step("at the first start nothing has been done, and the page says where to begin");
-  await page.locator(".meter", { hasText: "an alignment begins with one" }).waitFor();
+  step("at the first start nothing has been done, and no job is offered that could measure nothing");
+  await page.locator(".meter", { hasText: "frames are not measured: recorded frames say nothing" }).waitFor();
   await page.locator(".axes .tag", { hasText: "not homed" }).first().waitFor();
   await open(page, "Alignment");
   await page.locator(".job[data-state=none]", { hasText: "No job has been run" }).waitFor();
+  await page.locator(".start", { hasText: "frames are not measured" }).waitFor();
+  assert(await page.locator("#start").isDisabled(), "an alignment by recorded frames is offered");
   await open(page, "History");
   await page.locator(".history-page", { hasText: /No job/ }).waitFor();
   await open(page, "Live");
@@ -112,6 +114,8 @@ try {
   step("a bench of hardware is not called simulated; frames of old are called a replay");
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   assert.doesNotMatch(await page.title(), /SIMULATED/);
+  assert.match(await page.title(), /REPLAY/);
+  assert.doesNotMatch(await page.locator(".picture p.facts:not([role=note])").innerText(), / old|moving/);
   await page.locator("header .simulated", { hasText: "REPLAY" }).waitFor();
   await page.locator(".stamp", { hasText: "REPLAY" }).waitFor();
 

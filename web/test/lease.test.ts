@@ -77,15 +77,18 @@ describe("the lease", () => {
     // What was on its way when it was taken.
     expect(lease.heard(null)).toBeNull();
     expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
-    expect(lease.heard({ id: "x", owner: "Ben" })).toEqual({ to: "Ben" });
+    expect(lease.heard({ id: "x", owner: "Ben" })).toEqual({ to: "Ben", job: false });
     expect([lease.key, lease.heard({ id: "x", owner: "Ben" })]).toEqual([null, null]);
     await lease.takeOver();
     expect(lease.heard({ id: "id2", owner: "Ana" })).toBe("mine");
-    expect(lease.heard(null)).toEqual({ to: null });
+    expect(lease.heard(null)).toEqual({ to: null, job: false });
     await lease.takeOver();
     expect(lease.heard({ id: "id3", owner: "Ana" })).toBe("mine");
     await lease.release();
     expect(lease.heard(null)).toBeNull();
+    await lease.take();
+    expect(lease.heard({ id: "id4", owner: "Ana", job: "one" })).toBe("mine");
+    expect(lease.heard({ id: "x", owner: "Ben", job: null })).toEqual({ to: "Ben", job: true });
   });
 
   it("is lost to another where a command was refused before that was heard", async () => {
@@ -95,7 +98,7 @@ describe("the lease", () => {
     expect(lease.heard({ id: "id1", owner: "Ana" })).toBe("mine");
     state.key = null;
     expect((await lease.repeat("POST", "/api/v1/axes/e/jog", {})).ok).toBe(false);
-    expect([lease.key, lease.heard({ id: "x", owner: "Ben" })]).toEqual([null, { to: "Ben" }]);
+    expect([lease.key, lease.heard({ id: "x", owner: "Ben" })]).toEqual([null, { to: "Ben", job: false }]);
     expect(lease.heard({ id: "x", owner: "Ben" })).toBeNull();
   });
 
@@ -189,7 +192,7 @@ describe("the lease", () => {
     state.reachable = false;
     expect((await lease.release())?.status).toBe(0);
     expect(lease.isMine({ id: "id1" })).toBe(true);
-    expect(lease.heard(null)).toEqual({ to: null });
+    expect(lease.heard(null)).toEqual({ to: null, job: false });
   });
 
   it("is taken over from whoever has it", async () => {

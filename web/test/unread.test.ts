@@ -45,11 +45,11 @@ describe("what is said where nothing is read", () => {
   });
 
   it("is that a job has not come to it yet, and not how to begin one", () => {
-    expect(nothingRead(initial)).toBe(strings.meter.unheard);
-    expect(nothingRead(over("unknown"))).toBe(strings.meter.none);
+    expect(nothingRead(initial).what).toBe(strings.meter.unheard);
+    expect(nothingRead(over("unknown")).what).toBe(strings.meter.none);
     const at = { ...over("unknown"), jobs: [job("a", 1)] };
-    expect(nothingRead(at)).toBe(strings.meter.noneOfThis);
+    expect(nothingRead(at).what).toBe(strings.meter.noneOfThis);
     // One that has ended comes to nothing more.
-    expect(nothingRead({ ...at, jobs: [job("a", 2, "failed")] })).toBe(strings.meter.none);
+    expect(nothingRead({ ...at, jobs: [job("a", 2, "failed")] }).what).toBe(strings.meter.none);
   });
 });

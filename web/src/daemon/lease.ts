@@ -21,11 +21,15 @@ export type Send = <T>(
 export interface ControlLost {
   /** Who has it now; null where it ran out. */
   to: string | null;
+  /** Whether a job went on with it, which was cancelled where another has taken it. */
+  job: boolean;
 }
 
 export class LeaseKeeper {
   /** The lease that the daemon has said this page has, unless it was given back since. */
   private had: string | null = null;
+  /** Whether a job went on with it. */
+  private hadJob = false;
   /** The one that is being given back: that it is gone is no news. */
   private returning: string | null = null;
   /** Whether it is being asked for: the daemon may tell of it before it answers. */
@@ -69,9 +73,10 @@ export class LeaseKeeper {
   }
 
   /** Hears what the daemon says of the lease: that it is this page's, or that this page has lost it. */
-  heard(lease: { id: string; owner: string } | null): "mine" | ControlLost | null {
-    const had = this.had;
+  heard(lease: { id: string; owner: string; job?: string | null } | null): "mine" | ControlLost | null {
+    const { had, hadJob } = this;
     this.had = lease && this.isMine(lease) && lease.id !== this.returning ? lease.id : null;
+    this.hadJob = this.had !== null && Boolean(lease?.job);
     if (this.had !== null) return "mine";
     if (had === null) return null;
     const kept = this.storage.getItem(ID);
@@ -80,7 +85,7 @@ export class LeaseKeeper {
     // Another has been granted meanwhile, of which the daemon has not told yet.
     if (had !== kept && !refused) return null;
     this.forget();
-    return { to: lease?.owner ?? null };
+    return { to: lease?.owner ?? null, job: hadJob };
   }
 
   /** Takes the lease where nobody has it. */

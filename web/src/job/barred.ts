@@ -46,10 +46,12 @@ function unplugged(bench: Bench, asked: Asked): AxisName[] {
 
 /** What a job needs that is not there, and what to do first, in words. */
 export function absent(bench: Bench, asked: Asked): string[] {
-  const { plugFirst, cameraFirst } = strings.byHand;
+  const { plugFirst, cameraFirst, cameraUnfit } = strings.byHand;
+  const { online, unfit = null } = bench.camera;
   return [
     ...unplugged(bench, asked).map((axis) => plugFirst(strings.axis.short[axis])),
-    ...(asked.kind !== "homing" && !bench.camera.online ? [cameraFirst] : []),
+    ...(asked.kind !== "homing" && !online ? [cameraFirst] : []),
+    ...(asked.kind !== "homing" && unfit !== null ? [cameraUnfit(unfit)] : []),
   ];
 }
 

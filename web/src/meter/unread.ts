@@ -34,8 +34,17 @@ export function whyMissing(missing: Missing, { bench }: Pick<State, "bench">): W
   return { what, text: missing.why, daemons: true, sought: lost, besides: null };
 }
 
-/** What stands where nothing has been read. */
-export function nothingRead(state: Pick<State, "bench" | "jobs">): string {
-  if (!state.bench) return strings.meter.unheard;
-  return jobUnderWay(state) ? strings.meter.noneOfThis : strings.meter.none;
+/** What stands where nothing has been read: that there is nothing, why, and whether an alignment would change that. */
+export function nothingRead(state: Pick<State, "bench" | "jobs">): {
+  what: string;
+  why: string | null;
+  begins: boolean;
+} {
+  const words = strings.meter;
+  const { bench } = state;
+  if (!bench) return { what: words.unheard, why: null, begins: false };
+  const { unfit } = bench.camera;
+  if (unfit) return { what: words.none, why: strings.byHand.cameraUnfit(unfit), begins: false };
+  if (jobUnderWay(state)) return { what: words.noneOfThis, why: null, begins: false };
+  return { what: words.none, why: words.noneMore, begins: true };
 }

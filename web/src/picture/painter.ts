@@ -33,7 +33,14 @@ export interface Look {
 export interface Stamps {
   simulated: string;
   replayed: string;
+  /** What the ends of a depth map's colours stand for, and its stripes. */
+  depth: { far: string; near: string; unknown: string };
 }
+
+/** The ends of a depth map's colours. */
+const [FAR, NEAR] = ["#440154", "#fde725"];
+/** How high the line below a depth map is that says so, CSS px. */
+const LEGEND_PX = 24;
 
 /** What was seen, and of which frame it is. */
 export interface Taken {
@@ -184,11 +191,15 @@ export class Painter {
     // As it is drawn now: what is asked for may be drawn only with the next frame.
     this.drawPicture();
     this.drawOver();
-    const file = await fileOf(Math.max(1, right - x), Math.max(1, bottom - y), (context) => {
+    const ratio = this.look?.ratio ?? 1;
+    const size = { width: Math.max(1, right - x), height: Math.max(1, bottom - y) };
+    const legend = facts.show === "depth" ? LEGEND_PX * ratio : 0;
+    const file = await fileOf(size.width, size.height + legend, (context) => {
+      if (legend > 0) drawLegend(context, stamps.depth, size, ratio);
       context.drawImage(canvas, -x, -y);
       context.drawImage(over, -x, -y);
       const words = [facts.simulated && stamps.simulated, facts.replayed && stamps.replayed];
-      drawStamp(context, words.filter(Boolean).join(" · "), this.look?.ratio ?? 1);
+      drawStamp(context, words.filter(Boolean).join(" · "), ratio);
     });
     return file && { file, facts };
   }
@@ -328,6 +339,36 @@ function drawStamp(context: Context, words: string, ratio: number): void {
   context.fillRect(0, 0, width + 16 * ratio, 22 * ratio);
   context.fillStyle = "#000";
   context.fillText(words, 8 * ratio, 16 * ratio);
+}
+
+/** Writes what a depth map's colours mean below it, as large as there is room for. */
+function drawLegend(context: Context, words: Stamps["depth"], below: Size, ratio: number): void {
+  const height = LEGEND_PX * ratio;
+  const [gap, square] = [8 * ratio, 12 * ratio];
+  context.fillStyle = "#fff";
+  context.fillRect(0, below.height, below.width, height);
+  context.font = `${13 * ratio}px system-ui`;
+  const parts = [
+    { colour: FAR, text: words.far },
+    { colour: NEAR, text: words.near },
+    { colour: null, text: words.unknown },
+  ];
+  const widthOf = ({ colour, text }: (typeof parts)[number]) =>
+    (colour ? square + gap : 0) + context.measureText(text).width + 2 * gap;
+  const width = parts.reduce((sum, part) => sum + widthOf(part), gap);
+  const scale = Math.min(1, below.width / width);
+  context.setTransform(scale, 0, 0, scale, 0, below.height);
+  let at = gap;
+  for (const part of parts) {
+    if (part.colour) {
+      context.fillStyle = part.colour;
+      context.fillRect(at, (height - square) / 2, square, square);
+    }
+    context.fillStyle = "#000";
+    context.fillText(part.text, at + (part.colour ? square + gap : 0), height / 2 + 4.5 * ratio);
+    at += widthOf(part);
+  }
+  context.setTransform(1, 0, 0, 1, 0, 0);
 }
 
 /** What is drawn, as a PNG. */

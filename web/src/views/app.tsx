@@ -1,4 +1,4 @@
-import { useEffect } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef } from "preact/hooks";
 import { spoken } from "../words/language";
 import { strings } from "../strings";
 import { jobUnderWay, turnOf, type State } from "../state";
@@ -49,16 +49,23 @@ export function App({ state, newest, now, update, enter, leave, makeToken, hande
     return result.ok;
   };
   const simulated = state.bench?.simulated ?? false;
+  const replayed = state.bench?.camera.replay ?? false;
   const where = state.session === "stranger" ? strings.signIn.signIn : strings.pages[state.route.page];
   // What may be old calls nobody.
   const asking = state.link !== "open" || turnOf(state) === null ? null : jobUnderWay(state);
   const lost = state.link === "lost";
   const turn = asking && (mayConfirm(state, asking) ? "yours" : "operators");
   const { language } = spoken;
+  const page = useRef(state.route.page);
+  useLayoutEffect(() => {
+    // Another page is not where the last one was left.
+    if (page.current !== state.route.page) window.scrollTo(0, 0);
+    page.current = state.route.page;
+  }, [state.route.page]);
   useEffect(() => {
     document.documentElement.lang = language;
-    document.title = strings.windowTitle(where, simulated, lost ? "lost" : turn);
-  }, [simulated, where, turn, lost, language]);
+    document.title = strings.windowTitle(where, simulated, replayed, lost ? "lost" : turn);
+  }, [simulated, replayed, where, turn, lost, language]);
   if (state.session === "stranger") {
     return (
       <>

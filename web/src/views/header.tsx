@@ -23,7 +23,8 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
       </a>
       {bench?.simulated && (
         <p class="simulated" role="note">
-          <b>{strings.simulated}</b> <span>{strings.simulatedMore}</span>
+          <b>{strings.simulated}</b>{" "}
+          <span>{bench.camera.replay ? strings.simulatedAxes : strings.simulatedMore}</span>
         </p>
       )}
       {bench?.camera.replay && (

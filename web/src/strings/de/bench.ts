@@ -10,6 +10,7 @@ export const lease: typeof en.lease = {
   mine: (owner) => `Diese Seite hat die Bedienhoheit${owner === lease.owner ? "" : ` (${owner})`}.`,
   ranOut: "Ihre Bedienhoheit ist abgelaufen.",
   taken: (owner) => `${owner} hat Ihnen die Bedienhoheit entzogen.`,
+  lostJob: "Ihr Auftrag ist damit abgebrochen.",
   lostMore: "Was Sie gedrückt hielten, ist losgelassen; was sich dadurch bewegte, steht.",
   askName: "Wie heißen Sie?",
   askNameMore: "Andere sehen den Namen, solange Sie die Bedienhoheit haben.",
@@ -77,6 +78,7 @@ export const byHand: typeof en.byHand = {
   leaveNot: "Nicht fahren",
   plugFirst: (axis) => `${axis} ist nicht verbunden: zuerst nach Kabel und Strom ihrer Steuerung sehen.`,
   cameraFirst: "Die Kamera liefert keine Bilder: zuerst nach ihrem Kabel und Strom sehen.",
+  cameraUnfit: (why) => `Die Bilder der Kamera werden nicht vermessen: ${why}.`,
   leaveFirst: (axis) =>
     `${axis} steht auf einem Endschalter: zuerst auf der Seite „Live“ von ihm wegfahren oder Ref. anfahren.`,
   homeFirst: (axis) =>

@@ -4,16 +4,17 @@ import type * as en from "../en/frame";
 
 export const frame: typeof en.frame = {
   title: "Plenalign",
-  windowTitle: (page, simulated, first) => {
+  windowTitle: (page, simulated, replayed, first) => {
     const says = {
       yours: "● Sie sind dran · ",
       operators: "● Die Bedienung ist dran · ",
       lost: "VERBINDUNG UNTERBROCHEN · ",
     };
-    return `${first ? says[first] : ""}${simulated ? "SIMULIERT · " : ""}${page} · Plenalign`;
+    return `${first ? says[first] : ""}${simulated ? "SIMULIERT · " : ""}${replayed ? "WIEDERGABE · " : ""}${page} · Plenalign`;
   },
   simulated: "SIMULIERTER PRÜFSTAND",
   simulatedMore: "Keine Hardware angeschlossen: Jedes Bild und jede Zahl hier ist berechnet.",
+  simulatedAxes: "Keine Achse angeschlossen: Wo sie stehen, ist berechnet.",
   replay: "WIEDERGABE",
   replayMore: "Alte Bilder aus Dateien: Nichts davon ist von jetzt.",
   connecting: "Verbindung wird aufgebaut…",

@@ -10,6 +10,7 @@ export const lease = {
   mine: (owner: string) => `This page has control${owner === lease.owner ? "" : `, as ${owner}`}.`,
   ranOut: "Your control has ended.",
   taken: (owner: string) => `${owner} has taken control from you.`,
+  lostJob: "The job that you had started was cancelled by that.",
   lostMore: "Whatever you held down has been let go of, and what it moved has stopped.",
   askName: "What is your name?",
   askNameMore: "Others are shown it while you have control.",
@@ -80,6 +81,7 @@ export const byHand = {
   plugFirst: (axis: string) =>
     `The ${axis} axis is not connected: see to its cable and its controller’s power first.`,
   cameraFirst: "The camera gives no pictures: see to its cable and its power first.",
+  cameraUnfit: (why: string) => `The camera’s frames are not measured: ${why}.`,
   leaveFirst: (axis: string) =>
     `The ${axis} axis stands on a limit switch: move it off, or home it, on the page Live first.`,
   homeFirst: (axis: string) =>

@@ -5,16 +5,22 @@ import type { Scope } from "../../daemon/wire";
 
 export const frame = {
   title: "Plenalign",
-  windowTitle: (page: string, simulated: boolean, first: "yours" | "operators" | "lost" | null) => {
+  windowTitle: (
+    page: string,
+    simulated: boolean,
+    replayed: boolean,
+    first: "yours" | "operators" | "lost" | null,
+  ) => {
     const says = {
       yours: "● Your turn · ",
       operators: "● The operator’s turn · ",
       lost: "CONNECTION LOST · ",
     };
-    return `${first ? says[first] : ""}${simulated ? "SIMULATED · " : ""}${page} · Plenalign`;
+    return `${first ? says[first] : ""}${simulated ? "SIMULATED · " : ""}${replayed ? "REPLAY · " : ""}${page} · Plenalign`;
   },
   simulated: "SIMULATED BENCH",
   simulatedMore: "No hardware is attached: every picture and figure here is computed.",
+  simulatedAxes: "No axis is attached: where they stand is computed.",
   replay: "REPLAY",
   replayMore: "Recorded frames are played from files: nothing that is seen is happening now.",
   connecting: "Connecting…",

@@ -94,6 +94,7 @@ export function ControlGone({ lost, update }: Given & { lost: ControlLost }) {
       <p>
         <b>{lost.to === null ? strings.lease.ranOut : strings.lease.taken(another(lost.to, "first"))}</b>{" "}
         {strings.lease.lostMore}
+        {lost.to !== null && lost.job && ` ${strings.lease.lostJob}`}
       </p>
       <button type="button" onClick={() => update({ controlLost: null })}>
         {strings.dismiss}

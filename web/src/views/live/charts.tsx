@@ -223,8 +223,8 @@ export function Charts({ state, now }: Given) {
       >
         <div>
           <p class="facts key">
-            <LineKey of="accent">{words.spacing}</LineKey>
-            <LineKey of="good">{words.targetAndBand}</LineKey>
+            <LineKey of="accent">{words.spacingAndBand}</LineKey>
+            <LineKey of="good">{words.target}</LineKey>
           </p>
           <Plot label={words.spacing} height={HEIGHT} data={spacings} options={made.spacing} />
           {empty(spacings) && <p class="chart-none">{none}</p>}

@@ -4,6 +4,7 @@ import { nameOf, save } from "../../picture/kept-picture";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";
+import { depthEnds } from "./depth-ends";
 
 interface Props extends Given {
   large: boolean;
@@ -14,7 +15,11 @@ interface Props extends Given {
 export function Keeping({ state, act, update, large, enlarge }: Props) {
   const words = strings.measuring;
   const snapshot = async () => {
-    const taken = await eyepiece.snapshot({ simulated: strings.simulated, replayed: strings.replay });
+    const taken = await eyepiece.snapshot({
+      simulated: strings.simulated,
+      replayed: strings.replay,
+      depth: { ...depthEnds(state), unknown: strings.picture.legendUnknown },
+    });
     if (taken) return save(taken.file, nameOf({ ...taken.facts, kind: "view" }));
     return update({ problem: { type: "about:blank", title: words.nothing, status: 0, detail: "" } });
   };

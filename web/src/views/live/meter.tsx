@@ -85,8 +85,17 @@ export function Meter(earlier: Given) {
       />
       {why && (
         <p class="advice">
-          <b>{why.what}:</b> <small lang={why.daemons ? "en" : undefined}>{why.text}</small>
-          {why.besides && <small lang="en">{why.besides}</small>}
+          <b>{why.what}:</b>{" "}
+          <small lang={why.daemons ? "en" : undefined}>
+            {why.text}
+            {why.besides && "."}
+          </small>
+          {why.besides && (
+            <>
+              {" "}
+              <small lang="en">{sentence(why.besides)}</small>
+            </>
+          )}
         </p>
       )}
       {!missing && now && words && wanted && (
@@ -157,16 +166,17 @@ function BeingSetUp() {
 }
 
 function Nothing({ state }: Given) {
+  const { what, why, begins } = nothingRead(state);
   return (
     <section class="card meter" aria-label={strings.meter.title}>
       <h2>
         {strings.meter.title} <Alone />
       </h2>
-      <p>{nothingRead(state)}</p>
-      {state.bench && !jobUnderWay(state) && (
+      <p>{what}</p>
+      {why !== null && (
         <p class="quiet">
-          {strings.meter.noneMore}{" "}
-          {state.route.page !== "alignment" && may(state, "control") && (
+          {why}{" "}
+          {begins && state.route.page !== "alignment" && may(state, "control") && (
             <a href={addressOf("alignment")}>{strings.meter.noneBegin}</a>
           )}
         </p>

@@ -6,8 +6,8 @@ import { knowsMotion } from "../../meter/set-up";
 import { overlaysOn } from "../../picture/show";
 import { pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
-import { length } from "../../words/units";
 import type { Given } from "../given";
+import { depthEnds } from "./depth-ends";
 import { useGestures } from "./gestures";
 import { Keeping } from "./keeping";
 import { Measured, Measuring } from "./measuring";
@@ -63,11 +63,13 @@ export function LivePicture(given: Props) {
         <Keeping {...given} />
       </div>
       <p class="facts">
-        {facts && ageMs !== null && <span>{strings.picture.frame(facts.seq, age(ageMs))}</span>}
+        {facts && ageMs !== null && (
+          <span>{strings.picture.frame(facts.seq, facts.replayed ? null : age(ageMs))}</span>
+        )}
         {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
         {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
         {facts?.preview && <span class="tag">{strings.picture.preview}</span>}
-        {facts && !facts.settled && (
+        {facts && !facts.settled && !facts.replayed && (
           <span class="tag">
             {knowsMotion(state.bench) ? strings.picture.moving : strings.picture.mayMove}
           </span>
@@ -129,16 +131,12 @@ function Legend({ state }: Given) {
   const behind = map && state.picture ? state.picture.seq - map.frameSeq : 0;
   const wanted = overlays.some((overlay) => overlay !== "saturation");
   const several = ofSeveral(state.reading);
-  // Distances go by the spacing: of a frame whose spacing is not told they are not told either.
-  const untold = state.missing !== null || state.reading?.direction === "doubted";
-  const end = (mm: number | null | undefined) =>
-    typeof mm === "number" && !untold ? length(mm, state.preferences.unit, 0) : strings.picture.legendAway;
+  const { far, near } = depthEnds(state);
   return (
     <>
       {show === "depth" && (
         <span class="legend">
-          <i class="far" /> {strings.picture.legendFar} {end(state.picture?.farMm)} <i class="near" />{" "}
-          {strings.picture.legendNear} {end(state.picture?.nearMm)} · {strings.picture.legendUnknown}
+          <i class="far" /> {far} <i class="near" /> {near} · {strings.picture.legendUnknown}
         </span>
       )}
       {overlays.includes("error") && several && <span>{strings.meter.words[several.direction]}</span>}

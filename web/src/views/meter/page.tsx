@@ -25,13 +25,14 @@ export function MeterPage(earlier: Given) {
   const { missing, why, old, ageMs, words, wanted, inFocus } = shown;
   const reading = settingUp ? null : shown.reading;
   const figure = settingUp ? NO_FIGURE : shown.figure;
+  const nothing = nothingRead(state);
   const says = settingUp
     ? { of: strings.meter.beingSetUp, more: strings.meter.beingSetUpMore }
     : why
       ? { of: `${why.what}:`, more: why.text }
       : reading
         ? { of: words ?? "", more: wanted?.main ?? "" }
-        : { of: nothingRead(state), more: state.bench && !job ? strings.meter.noneMore : "" };
+        : { of: nothing.what, more: nothing.why ?? "" };
   return (
     <section
       class="meter-alone"
