@@ -269,23 +269,54 @@ try {
   change("outer_radius_mm = ", "outer_radius_mm = 70");
   await page.locator(".configuration > .notice.wrong").waitFor({ state: "detached" });
   await holds(page.locator("#key-shell\\.outer_radius_mm"), "71");
+
+  step("while a job runs nothing is written, and that it is recorded is said");
+  const send = (method, path, body, headers = {}) =>
+    fetch(new URL(`api/v1/${path}`, address), {
+      method,
+      headers: { "content-type": "application/json", ...headers },
+      body: body && JSON.stringify(body),
+    });
+  const { key } = await (await send("POST", "lease", { owner: "Ada", ttl_s: 60 })).json();
+  const leased = { "plenalign-lease": key };
+  const watch = { kind: "spacing_watch", duration_s: 600, record: true };
+  const begun = await send("POST", "jobs", watch, leased);
+  assert.equal(begun.status, 201, await begun.clone().text());
+  await page.locator(".apply", { hasText: "A job holds the bench" }).waitFor();
+  assert(await page.locator("#apply").isDisabled(), "a file that cannot be written now is offered to be");
+  const other = await browser.newPage();
+  await other.goto(`${address}#/alignment`);
+  await other.locator(".job", { hasText: "being recorded" }).waitFor();
+  await send("POST", "stop");
+  await send("DELETE", "stop", undefined, leased);
+  await page.locator(".apply", { hasText: "A job holds the bench" }).waitFor({ state: "detached" });
+  await until(() => page.locator("#apply").isEnabled(), "what could be written stays barred");
+  await other.locator(".job .downloads a", { hasText: "Recording" }).waitFor();
+
+  step("what waits for the daemon's next start is said where a job is started");
+  await other.locator(".job-page .waiting", { hasText: "shell.inner_radius_mm" }).waitFor();
   await page.getByRole("button", { name: "Undo changes" }).click();
   await open(page, "Design");
   await holds(page.getByLabel("Inner radius"), "50");
   change("inner_radius_mm = 50", "inner_radius_mm = 51");
   await holds(page.getByLabel("Inner radius"), "51");
+  await until(
+    async () => !(await other.locator(".job-page .waiting").innerText()).includes("shell.inner_radius_mm"),
+    "what waits no more is said to",
+  );
 
   step(
     "started again with another camera, the daemon's is in force on every page that is open, but for what is being edited",
   );
-  const other = await browser.newPage();
-  await other.goto(`${address}#/alignment`);
   await other.locator("#plan summary").waitFor();
   const before = await other.locator("#plan").textContent();
   await page.getByLabel("Blur still sharp").fill("0.04");
   await page.locator(".draft-field[data-changed=true]").waitFor();
-  const drafted = await deltaV.innerText();
-  assert.match(drafted, /^\+2\.338 mm$/, "it is not of the shell that waits for the daemon's next start");
+  const drafted = "+2.338 mm";
+  await until(
+    async () => (await deltaV.innerText()) === drafted,
+    "it is not of the shell that waits for the daemon's next start",
+  );
   daemon.process.kill("SIGKILL");
   await daemon.ended;
   await page.locator(".link[data-link=lost]").waitFor();

@@ -16,6 +16,7 @@ height_px = 320
 
 [bench.simulation]
 rays = 16
+operator_confirms = false
 `);
 const daemon = start(bench);
 const browser = await browse();
@@ -32,6 +33,11 @@ try {
   await state.filter({ hasText: "Nothing is wrong" }).waitFor();
   assert(await panel.locator("#faults-none").isDisabled());
   const camera = panel.getByRole("group", { name: "Camera", exact: true });
+
+  step("before there is a white frame the meter says where to begin");
+  await open(page, "Live");
+  await page.locator(".meter", { hasText: "an alignment begins with one" }).waitFor();
+  await open(page, "Settings");
 
   step("a plan of faults to come is told, and called off");
   await page.evaluate(() =>
@@ -114,7 +120,35 @@ try {
   await page.locator("#kind").selectOption("spacing_watch");
   await page.locator(".start [name=duration_s]").fill("1");
   await page.locator("#start").click();
-  await page.locator(".job .outcome.succeeded").waitFor({ timeout: 60_000 });
+  const done = page.locator("#confirm:not([aria-disabled=true])");
+  const show = (camera) =>
+    page.evaluate(
+      (body) =>
+        fetch("/api/v1/simulation/faults", {
+          method: "PUT",
+          headers: { "content-type": "application/json" },
+          body,
+        }),
+      JSON.stringify({ camera }),
+    );
+  await done.waitFor();
+  await show({ picture: "dark" });
+  await done.click();
+  await page
+    .locator(".turn .notice.wrong", { hasText: "Once more: The white frame cannot be used" })
+    .waitFor();
+  assert.equal(await page.locator(".steps li[data-state=repeated]").count(), 1);
+  await photograph(page, "once-more");
+  await show({ frozen: true });
+  await done.click();
+  await page.locator("header", { hasText: "gives an old picture again" }).waitFor();
+  await page.locator(".turn.operator").waitFor();
+  await show({});
+  await done.click();
+  await until(async () => {
+    if (await done.isVisible()) await done.click();
+    return page.locator(".job .outcome.succeeded").count();
+  }, "the watch does not end");
   const meter = other.locator(".meter");
   const live = other.locator(".meter[data-state=measured][data-old=false]");
   await live.waitFor({ timeout: 20_000 });

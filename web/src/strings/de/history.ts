@@ -4,7 +4,7 @@ import type * as en from "../en/history";
 
 export const history: typeof en.history = {
   title: "Verlauf",
-  startedBy: (owner) => `von ${owner}`,
+  startedBy: (owner) => `gestartet: ${owner}`,
   search: "Suchen",
   searchMore: "Notiz, Name, Grund, Protokoll oder Kennung",
   kind: "Art",

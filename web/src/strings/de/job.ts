@@ -11,6 +11,8 @@ export const job: typeof en.job = {
   },
   gone: "Diesen Auftrag gibt es im Verlauf nicht.",
   start: "Starten",
+  waiting: (keys) =>
+    `In der Konfigurationsdatei geändert, gilt aber erst nach dem nächsten Start des Dienstes: ${keys}. Ein Auftrag, der jetzt gestartet wird, richtet sich nach den Werten davor.`,
   startTitle: "Auftrag starten",
   kindLabel: "Was zu tun ist",
   note: "Notiz",
@@ -20,6 +22,7 @@ export const job: typeof en.job = {
     "Jedes Bild, jede Messung und jede Entscheidung in eine Datei schreiben, zum Abspielen oder für Foxglove",
   recording: "Aufzeichnung",
   recordingNow: "wird aufgezeichnet",
+  recordingEnded: (why) => `Die Aufzeichnung hat vorzeitig geendet: ${why}`,
   recordingCut: "Aufzeichnung, abgeschnitten",
   kinds: {
     joint_alignment: "Gemeinsame Justage",
@@ -118,10 +121,11 @@ export const job: typeof en.job = {
   axes: "Achsen",
   cancel: "Auftrag abbrechen…",
   cancelSure: "Auftrag abbrechen? Was er bisher getan hat, bleibt; die Achsen halten an.",
-  cancelYes: "Abbrechen",
+  cancelYes: "Auftrag abbrechen",
   cancelNo: "Weiterlaufen lassen",
   itsTurn: "Läuft: für Sie nichts zu tun",
   confirm: "Erledigt",
+  onceMore: "Noch einmal:",
   notKept: "Bestätigen, sobald sich der Verlauf wieder schreiben lässt: Vorher fährt nichts.",
   brokenLink: {
     title: "Der Link ist unvollständig",
@@ -130,6 +134,12 @@ export const job: typeof en.job = {
   },
   noKey: (owner) =>
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
+  here: "Von hier aus bestätigen",
+  hereMore: "Das Fenster, aus dem er gestartet wurde, gibt es nicht mehr?",
+  hereSure: (owner) =>
+    `Ab jetzt von hier aus bestätigen? Der bisherige Schlüssel gilt dann nicht mehr: Wer ihn hat${owner ? `, auch ${owner},` : ""} bestätigt nichts mehr.`,
+  hereYes: "Von hier aus bestätigen",
+  hereNo: "Nichts ändern",
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",
   useKey: "Schlüssel verwenden",
   noSuchKey: "Darin steht kein Schlüssel: Er besteht aus „confirm_“ und 64 Ziffern und Buchstaben.",

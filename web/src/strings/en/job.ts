@@ -12,6 +12,8 @@ export const job = {
   },
   gone: "There is no such job in the history.",
   start: "Start",
+  waiting: (keys: string) =>
+    `Changed in the configuration’s file, and in force only when the daemon has started again: ${keys}. A job that is started now goes by what was there before.`,
   startTitle: "Start a job",
   kindLabel: "What to do",
   note: "Note",
@@ -20,6 +22,7 @@ export const job = {
   recordMore: "Keep every frame, measurement and decision in a file, to be replayed or looked at in Foxglove",
   recording: "Recording",
   recordingNow: "being recorded",
+  recordingEnded: (why: string) => `Its recording ended early: ${why}`,
   recordingCut: "Recording, cut",
   kinds: {
     joint_alignment: "Joint alignment",
@@ -121,6 +124,7 @@ export const job = {
   cancelNo: "Let it go on",
   itsTurn: "At work: nothing for you to do",
   confirm: "Done",
+  onceMore: "Once more:",
   notKept: "Confirm when the history can be written again: nothing is moved before.",
   brokenLink: {
     title: "The link is not whole",
@@ -128,6 +132,12 @@ export const job = {
   },
   noKey: (owner: string) =>
     `Only ${owner || "the person who started the job"} confirms this, or who has been handed the job's confirm key.`,
+  here: "Confirm from here",
+  hereMore: "Is the window gone that it was started from?",
+  hereSure: (owner: string) =>
+    `Confirm from here from now on? The key so far is dead then: who has it${owner ? `, ${owner} too,` : ""} confirms no more.`,
+  hereYes: "Confirm from here",
+  hereNo: "Change nothing",
   confirmKey: "Confirm key, or the link with it",
   useKey: "Use the key",
   noSuchKey: "There is no key in it: one is “confirm_” and 64 digits and letters.",

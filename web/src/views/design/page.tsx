@@ -7,7 +7,7 @@ import { strings } from "../../strings";
 import { Newest } from "../../daemon/newest";
 import { reworded, UNITS, type LengthUnit } from "../../words/units";
 import type { ConfigFault, Draft, DraftBase } from "../../daemon/wire";
-import { useAgain } from "../again";
+import { useConfigFile } from "../config-file";
 import type { Given } from "../given";
 import { useKept } from "../kept";
 import { Old } from "../old";
@@ -29,7 +29,7 @@ type Comparison = (typeof COMPARISONS)[number];
 export function DesignPage(given: Given) {
   const { state, newest: stateNow, update, load } = given;
   const [{ inForce, preset, shown }, setCameras] = useKept(given, "cameras");
-  const [file, setFile] = useKept(given, "configFile");
+  const { file, read } = useConfigFile(given);
   const [drafted, setDrafted] = useKept(given, "draftedCamera");
   const [faults, setFaults] = useState<ConfigFault[] | null>(null);
   const [working, setWorking] = useState(false);
@@ -44,15 +44,6 @@ export function DesignPage(given: Given) {
     // What was on its way when somebody signed out is not for the next one.
     if (stateNow().session !== "stranger") setCameras({ ...stateNow().cameras, ...part });
   };
-  const read = async () => {
-    const result = await api.config();
-    if (!result.ok || stateNow().session === "stranger") return;
-    const { stored, restart_required: waiting, fault = null } = result.value;
-    const etag = result.etag ?? null;
-    const read = { stored: (stored ?? null) as JsonObject | null, etag, fault, waiting };
-    if (JSON.stringify(read) !== JSON.stringify(stateNow().configFile)) setFile(read);
-  };
-  useAgain(connected, read);
   useEffect(() => {
     if (!connected) return;
     const ask = (base: DraftBase, set: (draft: Draft) => void) =>
@@ -64,7 +55,6 @@ export function DesignPage(given: Given) {
       );
     void ask("in_force", (draft) => learn({ inForce: draft, shown: stateNow().cameras.shown ?? draft }));
     void ask("preset", (draft) => learn({ preset: draft }));
-    void read();
   }, [state.bootId, connected]);
   useEffect(() => {
     // What has been edited stays so, over what the file holds by now; the rest goes with it.

@@ -79,7 +79,9 @@ function JobRow({ job, chosen, unit, choose }: RowProps) {
         {job.owner && <p class="quiet">{words.startedBy(job.owner)}</p>}
       </td>
       <td class="words">
-        <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
+        <span class={`outcome ${job.state}`} data-reason={reason !== null}>
+          {strings.job.state[job.state]}
+        </span>
         {reason !== null && (
           <span class="quiet reason-of" lang="en">
             {" "}

@@ -12,6 +12,7 @@ import type { Job } from "../../daemon/wire";
 import { Meter } from "../live/meter";
 import { MovedSince } from "./moved-since";
 import { Old } from "../old";
+import { useConfigFile } from "../config-file";
 import type { Given } from "../given";
 import { Downloads } from "./downloads";
 import { HandOn } from "./hand-on";
@@ -47,6 +48,7 @@ export function AlignmentPage(given: Given) {
             <a href={addressOf("alignment")}>{strings.job.backToNow}</a>
           </p>
         )}
+        {!asked && !running && <Waiting {...given} />}
         {job && <JobCard {...given} job={job} present={job === present} />}
         {!job && state.bench && !asked && (
           <p class="card job" data-state="none">
@@ -63,6 +65,13 @@ export function AlignmentPage(given: Given) {
       {job && <Iterations job={job} unit={unit} />}
     </div>
   );
+}
+
+/** What of the configuration's file is not in force yet: a job that is started now goes by what was before. */
+function Waiting(given: Given) {
+  const { file } = useConfigFile(given);
+  if (file === null || file.waiting.length === 0) return null;
+  return <p class="notice waiting">{strings.job.waiting(file.waiting.join(", "))}</p>;
 }
 
 /** A job that this page has not followed, or that there is none of that name; neither until the daemon has said. */
@@ -107,13 +116,19 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
     <section class="card job" tabIndex={-1} aria-label={strings.job.title} data-state={job.state}>
       <h2>
         {strings.job.kinds[job.kind]}
-        <span class={`outcome ${job.state}`}>{strings.job.state[job.state]}</span>
+        <span class={`outcome ${job.state}`} data-reason={over && reason !== null}>
+          {strings.job.state[job.state]}
+        </span>
         {!over && <Old {...given} />}
       </h2>
       <p class="quiet">
         {strings.job.byWhom(called(job.owner ?? ""), moment(job.created_at))}
         {job.request.note && ` · ${job.request.note}`}
+        {!over && job.recording?.state === "recording" && ` · ${strings.job.recordingNow}`}
       </p>
+      {!over && job.recording?.state === "failed" && (
+        <p class="notice wrong">{strings.job.recordingEnded(job.recording.fault ?? job.recording.file)}</p>
+      )}
       {!over && <Turn key={job.id} {...given} />}
       {!over && <Progress job={job} unit={unit} />}
       {over && reason !== null && (

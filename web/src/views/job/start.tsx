@@ -175,7 +175,9 @@ export function StartJob(given: Given) {
           {why}
         </p>
       ))}
-      {other !== null && <p class="quiet">{strings.byHand.others(another(other, "first"))}</p>}
+      {other !== null && may(state, "control") && (
+        <p class="quiet">{strings.byHand.others(another(other, "first"))}</p>
+      )}
       {!may(state, "control") && state.session !== null && <p class="quiet">{strings.viewOnly}</p>}
     </form>
   );

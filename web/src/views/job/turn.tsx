@@ -91,6 +91,11 @@ export function Turn(given: Given & { job: Job }) {
             {what}
           </p>
         ))}
+      {step?.because && (
+        <p class="notice wrong" role="alert">
+          <b>{strings.job.onceMore}</b> <span lang="en">{reworded(step.because, unit)}</span>
+        </p>
+      )}
       {step?.value && <p class="number">{reworded(step.value, unit)}</p>}
       {step && <Instruction step={step} unit={unit} />}
       {step && setup && <SetUpDrawing setup={setup} unit={unit} />}
@@ -102,11 +107,16 @@ export function Turn(given: Given & { job: Job }) {
 /** What is to be done: in the page's language where it knows that, and in the daemon's words, which may say more. */
 function Instruction({ step, unit }: { step: OperatorStep; unit: LengthUnit }) {
   const said = strings.prompt(step.name, reworded(step.value ?? "", unit));
+  const { because } = step;
+  const asked =
+    because && step.instruction.startsWith(because)
+      ? step.instruction.slice(because.length)
+      : step.instruction;
   return (
     <>
       {said !== null && <p>{said}</p>}
       <p lang="en" class={said === null ? "" : "quiet"}>
-        {reworded(step.instruction, unit)}
+        {reworded(asked, unit)}
       </p>
     </>
   );
@@ -133,10 +143,11 @@ export function mayConfirm(state: State, job: Job): boolean {
   return api.confirmKeys.of(job.id) !== null || api.lease.hasJob(state.bench?.lease ?? null, job.id);
 }
 
-/** Why nothing can be confirmed here, and a place for the key. */
-function GiveKey({ state, update, job }: Given & { job: Job }) {
+/** Why nothing can be confirmed here, a place for the key, and another one for whoever may make it. */
+function GiveKey({ state, act, update, job }: Given & { job: Job }) {
   const [text, setText] = useState("");
   const [wrong, setWrong] = useState(false);
+  const [asking, here] = useAsked<true>(able(state, "admin"));
   if (!may(state, "control")) return <p class="quiet">{strings.viewOnly}</p>;
   const submit = (event: Event) => {
     event.preventDefault();
@@ -146,27 +157,49 @@ function GiveKey({ state, update, job }: Given & { job: Job }) {
     api.confirmKeys.keep({ job: job.id, key });
     update({ problem: null });
   };
+  const renew = async () => {
+    here(null);
+    if (await act(api.renewConfirmKey(job))) update({ problem: null });
+  };
   return (
-    <form class="give-key" onSubmit={submit}>
-      <p>{strings.job.noKey(called(job.owner ?? ""))}</p>
-      <label>
-        {strings.job.confirmKey}{" "}
-        <input
-          id="confirm-key"
-          type="password"
-          autocomplete="off"
-          required
-          value={text}
-          aria-invalid={wrong}
-          onInput={(event) => setText(event.currentTarget.value)}
-        />
-      </label>
-      <button type="submit">{strings.job.useKey}</button>
-      {wrong && (
-        <span class="fault" role="alert">
-          {strings.job.noSuchKey}
-        </span>
+    <>
+      <form class="give-key" onSubmit={submit}>
+        <p>{strings.job.noKey(called(job.owner ?? ""))}</p>
+        <label>
+          {strings.job.confirmKey}{" "}
+          <input
+            id="confirm-key"
+            type="password"
+            autocomplete="off"
+            required
+            value={text}
+            aria-invalid={wrong}
+            onInput={(event) => setText(event.currentTarget.value)}
+          />
+        </label>
+        <button type="submit">{strings.job.useKey}</button>
+        {wrong && (
+          <span class="fault" role="alert">
+            {strings.job.noSuchKey}
+          </span>
+        )}
+      </form>
+      {able(state, "admin") && !asking && (
+        <p>
+          {strings.job.hereMore}{" "}
+          <button type="button" id="confirm-here" onClick={() => here(true)}>
+            {strings.job.here}
+          </button>
+        </p>
       )}
-    </form>
+      {asking && (
+        <Ask
+          question={strings.job.hereSure(called(job.owner ?? ""))}
+          yes={strings.job.hereYes}
+          no={strings.job.hereNo}
+          answer={(yes) => (yes ? void renew() : here(null))}
+        />
+      )}
+    </>
   );
 }

@@ -97,7 +97,8 @@ export function Configuration({ state, act, load: ask }: Given) {
   }, [draft]);
 
   if (!view || !table) return null;
-  const barred = changed.length === 0 || !check?.valid || etag === null || state.link !== "open";
+  const busy = Boolean(state.bench?.job);
+  const barred = changed.length === 0 || !check?.valid || etag === null || state.link !== "open" || busy;
   const apply = async () => {
     if (barred || draft === null) return;
     const ok = await act(
@@ -176,6 +177,7 @@ export function Configuration({ state, act, load: ask }: Given) {
             </p>
           ))}
           {written && <p class="notice">{whatIsWritten(written)}</p>}
+          {busy && changed.length > 0 && <p class="quiet">{strings.design.blocked.job}</p>}
           <p class="actions">
             <button
               type="button"
