@@ -4185,6 +4185,8 @@ export interface components {
       | "interrupted";
     /** @description A step of a job: something is set up, and the bench works with it until the next is asked for. */
     JobStep: {
+      /** @description Why the job itself asks for that step again, in words. */
+      because?: string | null;
       /**
        * Format: date-time
        * @description When it began, RFC 3339; `null` where it is still to come.

@@ -1051,6 +1051,8 @@ class JobState(str, Enum):
 class JobStep(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """A step of a job: something is set up, and the bench works with it until the next is asked for."""
 
+    because: str | None = None
+    """Why the job itself asks for that step again, in words."""
     began_at: datetime | None = None
     """When it began, RFC 3339; `null` where it is still to come."""
     bench_s: float | None = None

@@ -87,6 +87,7 @@ impl Alignment<'_> {
             {
                 self.context.once_more(&why);
                 self.place(standing).await?;
+                air.seen_otherwise(reading_mm);
                 continue;
             }
             let (observation, seen) = match looked {
@@ -385,10 +386,21 @@ impl Alignment<'_> {
         );
         let value = Some(format!("{:.2} mm, f/{ring:.2}", solution.aperture));
         let setup = Setup::Aperture { diameter_mm: solution.aperture, ring_f_number: ring };
-        self.ask("aperture", instruction, value, setup).await?;
-        self.aperture_set = true;
-        // The micro-images have moved and changed their size: does the white frame still fit?
-        if self.white_is_off().await? {
+        let mut dark = 0;
+        let is_off = loop {
+            self.ask("aperture", instruction.clone(), value.clone(), setup.clone()).await?;
+            self.aperture_set = true;
+            // The micro-images have moved and changed their size: does the white frame still fit?
+            let looked = self.white_is_off().await;
+            if let Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) = &looked
+                && let Some(why) = self.without_light(&mut dark).await?
+            {
+                self.context.once_more(&why);
+                continue;
+            }
+            break looked?;
+        };
+        if is_off {
             self.another_white_frame().await?;
             self.place(standing).await?;
         }

@@ -316,12 +316,12 @@ impl Alignment<'_> {
 
     /// `why`: a sentence before what the operator is asked to do; empty where it explains itself.
     async fn white_frame_asked_for(&mut self, why: &str) -> Result<(), JobEnd> {
-        let mut tries = WHITE_TRIES;
-        let instruction = format!(
-            "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
-        );
+        let (mut tries, mut why) = (WHITE_TRIES, why);
         let found = loop {
-            let instruction = instruction.clone();
+            let instruction = format!(
+                "{why}Put the diffuser on the lens, without the shell, and light it evenly: a white frame is taken."
+            );
+            why = "";
             self.ask("white_frame", instruction, None, Setup::Diffuser).await?;
             self.motion.set_shell(ShellState::Off);
             self.context.doing("white frame");

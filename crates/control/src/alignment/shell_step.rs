@@ -54,7 +54,7 @@ impl Alignment<'_> {
         let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
-        let (mut first_look, mut dark, mut led) = (true, 0, false);
+        let (mut first_look, mut dark, mut led) = (true, 0, None);
         let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
@@ -66,14 +66,15 @@ impl Alignment<'_> {
             let seen = self.spacing_at_rest(kind, frames).await;
             let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm, trim_bound_mm: 0.0 };
             let seen = match seen {
-                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look && !led => {
+                Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
                     if let Some(why) = self.without_light(&mut dark).await? {
                         self.context.once_more(&why);
                         self.ask("shell_and_water", instruction.clone(), Some(value.clone()), setup.clone()).await?;
                         self.motion.set_shell(ShellState::On);
+                    } else if let Some(named) = led {
+                        return Err(JobEnd::failed(named));
                     } else {
-                        self.look_through_shell(&look, plan, why).await?;
-                        led = true;
+                        led = Some(self.look_through_shell(&look, plan, why).await?);
                     }
                     continue;
                 }

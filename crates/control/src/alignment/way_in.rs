@@ -129,21 +129,21 @@ impl Alignment<'_> {
     }
 
     /// What to look at where the first picture through the shell cannot be measured: with the focus axis led to where it
-    /// can, the picture says what is not as it was asked for. The axis goes back to where it stood, and where the picture
-    /// can be measured there by then, it was in nothing's way but its own.
+    /// can, the picture says what is not as it was asked for. The axis goes back to where it stood. Where the picture can be
+    /// measured there by then, the step goes on, and what was found is returned in case it cannot again.
     pub(crate) async fn look_through_shell(
         &self,
         look: &ShellLook<'_>,
         plan: &Plan,
         why: String,
-    ) -> Result<(), JobEnd> {
+    ) -> Result<String, JobEnd> {
         self.context
             .log(format!("{why}: the focus axis is led by the picture's sharpness, to see what is before the lens"));
         let named = self.named_through_shell(look, plan, &why).await?;
         match self.context.unless_cancelled(self.eye.spacing(1, None)).await {
             Ok(_) => {
                 self.context.log("back where it stood the picture can be measured now: the step goes on");
-                Ok(())
+                Ok(named)
             }
             Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => Err(JobEnd::failed(named)),
             Err(end) => Err(end),
@@ -152,7 +152,11 @@ impl Alignment<'_> {
 
     async fn named_through_shell(&self, look: &ShellLook<'_>, plan: &Plan, why: &str) -> Result<String, JobEnd> {
         let start_mm = self.motion.position_mm(AxisName::Focus)?;
-        let sharpest = self.sharpest_through_shell(plan).await?;
+        let sharpest = match self.sharpest_through_shell(plan).await {
+            // The light went out on the way.
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) => Err(why),
+            sharpest => sharpest?,
+        };
         self.context.doing(format!("shell: focus axis back to {start_mm:.4} mm"));
         self.go(AxisName::Focus, start_mm).await?;
         let (at_mm, seen) = match sharpest {

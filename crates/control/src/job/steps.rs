@@ -49,6 +49,9 @@ pub struct JobStep {
     pub number: Option<u32>,
     /// Number of the earlier step that it takes the place of.
     pub repeats: Option<u32>,
+    /// Why the job itself asks for that step again, in words.
+    #[serde(default)]
+    pub because: Option<String>,
     /// When it began, RFC 3339; `null` where it is still to come.
     #[schema(value_type = Option<String>, format = DateTime)]
     pub began_at: Option<Timestamp>,
@@ -93,6 +96,7 @@ impl JobStep {
             state: StepState::Now,
             number: None,
             repeats: None,
+            because: None,
             began_at: None,
             operator_s: None,
             bench_s: None,
@@ -120,10 +124,18 @@ pub(crate) fn expect(steps: &mut Vec<JobStep>, planned: Vec<PlannedStep>) {
     steps.extend(planned.into_iter().map(JobStep::next));
 }
 
-/// A step begins, where the one before has come to its end. What was planned before it is not needed after all.
+/// A step begins, where the one before has come to its end. What was planned before it is not needed after all, unless it is
+/// one before once more.
 pub(crate) fn begin(steps: &mut Vec<JobStep>, step: JobStep, spent: &TimeSpent) {
     end(steps, spent);
     let here = steps.iter().take_while(|step| step.state != StepState::Next).count();
+    if step.because.is_some() {
+        for before in steps.iter_mut().filter(|before| before.number.is_some() && before.number == step.repeats) {
+            before.state = StepState::Repeated;
+        }
+        steps.insert(here, JobStep { state: StepState::Now, began_at: Some(Timestamp::now()), ..step });
+        return;
+    }
     let (past, next) = steps.split_at(here);
     let expected = next.iter().position(|next| next.is_like(&step));
     // One of that name whose value has turned out otherwise, unless this is another one in between.
@@ -142,13 +154,6 @@ pub(crate) fn end(steps: &mut [JobStep], spent: &TimeSpent) {
     for step in steps.iter_mut().filter(|step| step.state == StepState::Now) {
         step.state = StepState::Done;
         (step.operator_s, step.bench_s) = (Some(spent.operator_s), Some(spent.total_s - spent.operator_s));
-    }
-}
-
-/// What came of a step could not be used, and another takes its place.
-pub(crate) fn useless(steps: &mut [JobStep], number: Option<u32>) {
-    for step in steps.iter_mut().filter(|step| step.number.is_some() && step.number == number) {
-        step.state = StepState::Repeated;
     }
 }
 
@@ -178,6 +183,7 @@ pub(crate) fn repeat(steps: &mut Vec<JobStep>, number: u32, spent: &TimeSpent) {
                 state: StepState::Next,
                 number: None,
                 repeats: None,
+                because: None,
                 began_at: None,
                 operator_s: None,
                 bench_s: None,
@@ -189,12 +195,14 @@ pub(crate) fn repeat(steps: &mut Vec<JobStep>, number: u32, spent: &TimeSpent) {
     steps.splice(here..here, again);
 }
 
-/// Marks what counts no more: what was measured after a step had begun, and before another began that repeats it.
+/// Marks what counts no more: what was measured after a step had begun, and before another began that repeats it. Where the
+/// job itself asks for a step again, of which nothing could be seen, what it had measured before counts.
 pub(crate) fn discard(iterations: &mut [Iteration], steps: &[JobStep]) {
     for iteration in iterations {
         let at = Some(iteration.at);
         let began_before = |number| steps.iter().any(|step| step.number == Some(number) && step.began_at <= at);
-        iteration.discarded = steps.iter().any(|step| step.began_at > at && step.repeats.is_some_and(began_before));
+        let repeats = |step: &JobStep| step.repeats.filter(|_| step.because.is_none()).is_some_and(began_before);
+        iteration.discarded = steps.iter().any(|step| step.began_at > at && repeats(step));
     }
 }
 
@@ -278,6 +286,23 @@ mod tests {
         assert_eq!((told(&failed).as_str(), failed[5].bench_s), (now, Some(0.0)));
         close(&mut steps, true, &spent(1.0, 1.0));
         assert_eq!(told(&steps), "preparation white_frame board_in_airC aperturef white_frame board_in_airC");
+    }
+
+    #[test]
+    fn what_the_job_asks_for_once_more_leaves_what_is_planned() {
+        let mut steps = Vec::new();
+        let plan = [("white_frame", ""), ("board_in_air", "A"), ("white_frame", ""), ("shell", "")];
+        expect(&mut steps, plan.map(|(name, value)| planned(name, value)).to_vec());
+        ask(&mut steps, 1, "white_frame", "");
+        let again = JobStep {
+            repeats: Some(1),
+            because: Some("It was dark.".to_owned()),
+            ..JobStep::asked(2, "white_frame", None, &Setup::Diffuser)
+        };
+        begin(&mut steps, again, &spent(2.0, 5.0));
+        assert_eq!(told(&steps), "-white_frame *white_frame ?board_in_airA ?white_frame ?shell");
+        ask(&mut steps, 3, "board_in_air", "A");
+        assert_eq!(told(&steps), "-white_frame white_frame *board_in_airA ?white_frame ?shell");
     }
 
     #[test]

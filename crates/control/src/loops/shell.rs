@@ -25,7 +25,7 @@ const MAX_MEASUREMENTS_AT_A_POSE: u32 = 11;
 const MAX_MOVES: u32 = 12;
 /// The last of them, which are for the spacing: held off by the room, e goes nearer to the shell with the others alone.
 const MOVES_FOR_SPACING: u32 = 3;
-/// A trim tells how far the next has to go where it was within this factor of what the camera says of what it has changed.
+/// The last trim scales the next one, unless it differs by more than this factor from what the camera says.
 const TOLD_WITHIN: f64 = 2.0;
 /// A trim that the picture contradicts by no more than this is not held against the focus axis at once, mm: a carriage that
 /// sticks arrives as far beside its reading.

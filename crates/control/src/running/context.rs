@@ -331,18 +331,19 @@ impl JobContext {
         let mut step = OperatorStep {
             number,
             name: name.to_owned(),
-            instruction: because.as_ref().map_or(instruction.clone(), |because| format!("{because} {instruction}")),
+            instruction: match &because {
+                Some(because) => format!("{because} {instruction}"),
+                None => instruction,
+            },
             value: value.clone(),
             repeats: again,
             because: because.clone(),
             repeatable: Vec::new(),
         };
         self.job.change(|job| {
-            let begun = JobStep { repeats: again, ..JobStep::asked(number, name, value, setup) };
+            let begun =
+                JobStep { repeats: again, because: because.clone(), ..JobStep::asked(number, name, value, setup) };
             steps::begin(&mut job.steps, begun, &spent);
-            if because.is_some() {
-                steps::useless(&mut job.steps, again);
-            }
             steps::discard(&mut job.iterations, &job.steps);
             if again.is_some() {
                 job.progress.measure = job.iterations.iter().rfind(|it| !it.discarded).map(measure);

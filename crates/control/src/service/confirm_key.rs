@@ -82,6 +82,10 @@ impl Service {
             if job.snapshot().waits_for(step) && self.gives_old_picture().await {
                 return Err(Refusal::OldPicture.into());
             }
+            // Another key may have been made meanwhile.
+            if !job.snapshot().state.is_final() {
+                self.may_confirm(id, shown)?;
+            }
         }
         job.confirm(step)?;
         Ok(job.snapshot())

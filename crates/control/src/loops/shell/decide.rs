@@ -167,7 +167,7 @@ impl ShellLoop {
         ShellDecision::Trim { by_mm: by, predicted_px: goal.spacing_px }
     }
 
-    /// The trim (mm) to a spacing (px) at an e (mm): as the camera says, by as much more or less as the last trim took.
+    /// The trim (mm) to a spacing (px) at an e (mm): what the camera says, scaled by what the last trim took.
     fn trim_to(&self, spacing_px: f64, e_mm: f64, here: ShellObservation) -> f64 {
         let between =
             |from: ShellObservation, to_px| self.camera.trim_between(from.spacing_px, to_px, e_mm, from.trim_mm);

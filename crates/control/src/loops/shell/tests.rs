@@ -212,17 +212,6 @@ fn a_second_trim_goes_by_what_the_first_has_shown() {
     assert_eq!(trims, 2, "{:?}", outcome.decisions);
 }
 
-/// Over a long trim the spacing changes by more and more, or by less and less: no slope holds, and none is gone by.
-#[test]
-fn one_trim_does_however_long_it_is() {
-    for off_mm in [-0.18, 0.18] {
-        let outcome = run_sticking(ShellStep::HoldETrim, |q| q, 0.0, |_, trim| trim + off_mm, 0.002);
-        assert_eq!(outcome.decisions.last(), Some(&ShellDecision::Done), "{:?}", outcome.decisions);
-        let trims = outcome.decisions.iter().filter(|decision| matches!(decision, ShellDecision::Trim { .. })).count();
-        assert_eq!(trims, 1, "{off_mm} mm: {:?}", outcome.decisions);
-    }
-}
-
 #[test]
 fn a_dead_or_reversed_axis_ends_the_loop_after_the_probe() {
     let dead = run(ShellStep::TranslateEThenTrim, |_| 30.0, 0.0, 0.0, 0.004);
