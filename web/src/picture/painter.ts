@@ -341,7 +341,7 @@ function drawStamp(context: Context, words: string, ratio: number): void {
   context.fillText(words, 8 * ratio, 16 * ratio);
 }
 
-/** Writes what a depth map's colours mean below it, as large as there is room for. */
+/** Writes what a depth map's colours mean below it, smaller where there is no room. */
 function drawLegend(context: Context, words: Stamps["depth"], below: Size, ratio: number): void {
   const height = LEGEND_PX * ratio;
   const [gap, square] = [8 * ratio, 12 * ratio];

@@ -22,7 +22,7 @@ export const job: typeof en.job = {
     "Jedes Bild, jede Messung und jede Entscheidung in eine Datei schreiben, zum Abspielen oder für Foxglove",
   recording: "Aufzeichnung",
   recordingNow: "wird aufgezeichnet",
-  recordingEnded: (why) => `Die Aufzeichnung hat vorzeitig geendet: ${why}`,
+  recordingEnded: (why) => `Die Aufzeichnung hat vorzeitig geendet${why === null ? "." : `: ${why}`}`,
   recordingCut: "Aufzeichnung, abgeschnitten",
   kinds: {
     joint_alignment: "Gemeinsame Justage",
@@ -136,8 +136,8 @@ export const job: typeof en.job = {
     `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
   here: "Von hier aus bestätigen",
   hereMore: "Das Fenster, aus dem er gestartet wurde, gibt es nicht mehr?",
-  hereSure: (owner) =>
-    `Ab jetzt von hier aus bestätigen? Der bisherige Schlüssel gilt dann nicht mehr: Wer ihn hat${owner ? `, auch ${owner},` : ""} bestätigt nichts mehr.`,
+  hereSure:
+    "Ab jetzt von hier aus bestätigen? Ein bisher ausgegebener Schlüssel gilt dann nicht mehr. Das Fenster, aus dem der Auftrag gestartet wurde, kann noch bestätigen, solange es die Bedienhoheit hat.",
   hereYes: "Von hier aus bestätigen",
   hereNo: "Nichts ändern",
   confirmKey: "Bestätigungsschlüssel, oder der Link damit",

@@ -13,7 +13,7 @@ export const job = {
   gone: "There is no such job in the history.",
   start: "Start",
   waiting: (keys: string) =>
-    `Changed in the configuration’s file, and in force only when the daemon has started again: ${keys}. A job that is started now goes by what was there before.`,
+    `Changed in the configuration’s file, and in force only after the daemon’s next start: ${keys}. A job that is started now goes by what was there before.`,
   startTitle: "Start a job",
   kindLabel: "What to do",
   note: "Note",
@@ -22,7 +22,7 @@ export const job = {
   recordMore: "Keep every frame, measurement and decision in a file, to be replayed or looked at in Foxglove",
   recording: "Recording",
   recordingNow: "being recorded",
-  recordingEnded: (why: string) => `Its recording ended early: ${why}`,
+  recordingEnded: (why: string | null) => `Its recording ended early${why === null ? "." : `: ${why}`}`,
   recordingCut: "Recording, cut",
   kinds: {
     joint_alignment: "Joint alignment",
@@ -133,9 +133,9 @@ export const job = {
   noKey: (owner: string) =>
     `Only ${owner || "the person who started the job"} confirms this, or who has been handed the job's confirm key.`,
   here: "Confirm from here",
-  hereMore: "Is the window gone that it was started from?",
-  hereSure: (owner: string) =>
-    `Confirm from here from now on? The key so far is dead then: who has it${owner ? `, ${owner} too,` : ""} confirms no more.`,
+  hereMore: "Is the window that started it gone?",
+  hereSure:
+    "Confirm from here from now on? A key handed out so far no longer works. The window that the job was started from can still confirm while it has control.",
   hereYes: "Confirm from here",
   hereNo: "Change nothing",
   confirmKey: "Confirm key, or the link with it",

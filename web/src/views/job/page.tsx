@@ -127,7 +127,7 @@ function JobCard(given: Given & { job: Job; present: boolean }) {
         {!over && job.recording?.state === "recording" && ` · ${strings.job.recordingNow}`}
       </p>
       {!over && job.recording?.state === "failed" && (
-        <p class="notice wrong">{strings.job.recordingEnded(job.recording.fault ?? job.recording.file)}</p>
+        <p class="notice wrong">{strings.job.recordingEnded(job.recording.fault ?? null)}</p>
       )}
       {!over && <Turn key={job.id} {...given} />}
       {!over && <Progress job={job} unit={unit} />}

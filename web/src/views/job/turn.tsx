@@ -194,7 +194,7 @@ function GiveKey({ state, act, update, job }: Given & { job: Job }) {
       )}
       {asking && (
         <Ask
-          question={strings.job.hereSure(called(job.owner ?? ""))}
+          question={strings.job.hereSure}
           yes={strings.job.hereYes}
           no={strings.job.hereNo}
           answer={(yes) => (yes ? void renew() : here(null))}

@@ -159,7 +159,7 @@ function losses(token: Token, valid: Token[], { session }: State): string[] {
 }
 
 interface MakeProps {
-  /** Whether there is none yet: it is an administrator's at first, and ends for nobody by itself. */
+  /** Whether there is none yet: the first is for an administrator and does not end by itself. */
   first: boolean;
   disabled: boolean;
   /** Whether there is nothing more to be said of it. */
