@@ -176,7 +176,7 @@ function watch() {
   };
   channel.port2.postMessage(null);
   setInterval(() => {
-    const shown = / (\d+) ms old/.exec(document.querySelector(".picture p.facts")?.textContent ?? "");
+    const shown = /played (\d+) ms ago/.exec(document.querySelector(".picture p.facts")?.textContent ?? "");
     if (seen.on && shown) seen.ages.push(Number(shown[1]));
   }, 97);
 }

@@ -115,7 +115,9 @@ try {
   await page.locator(".picture[data-state=fresh]").waitFor({ timeout: 20_000 });
   assert.doesNotMatch(await page.title(), /SIMULATED/);
   assert.match(await page.title(), /REPLAY/);
-  assert.doesNotMatch(await page.locator(".picture p.facts:not([role=note])").innerText(), / old|moving/);
+  const facts = await page.locator(".picture p.facts:not([role=note])").innerText();
+  assert.match(facts, /frame \d+ · played \S+ \S+ ago/);
+  assert.doesNotMatch(facts, / old|moving/);
   await page.locator("header .simulated", { hasText: "REPLAY" }).waitFor();
   await page.locator(".stamp", { hasText: "REPLAY" }).waitFor();
 

@@ -14,7 +14,9 @@ export const picture = {
   preview: "coarse, for viewing only",
   moving: "moving",
   mayMove: "perhaps moving",
-  frame: (seq: number, age: string | null) => `frame ${seq}${age === null ? "" : ` · ${age} old`}`,
+  frame: (seq: number, age: string) => `frame ${seq} · ${age} old`,
+  /** Of a recorded frame, whose own age is not known. */
+  played: (seq: number, age: string) => `frame ${seq} · played ${age} ago`,
   rate: (perSecond: string) => `${perSecond} pictures/s`,
   skipped: (count: number) => `${count} not shown`,
   cameraOffline: "The camera sends nothing",

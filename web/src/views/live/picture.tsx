@@ -64,7 +64,9 @@ export function LivePicture(given: Props) {
       </div>
       <p class="facts">
         {facts && ageMs !== null && (
-          <span>{strings.picture.frame(facts.seq, facts.replayed ? null : age(ageMs))}</span>
+          <span>
+            {(facts.replayed ? strings.picture.played : strings.picture.frame)(facts.seq, age(ageMs))}
+          </span>
         )}
         {shown === "fresh" && <span>{strings.picture.rate(fixed(eyepiece.rate, 1))}</span>}
         {facts && facts.framesSkipped > 0 && <span>{strings.picture.skipped(facts.framesSkipped)}</span>}
