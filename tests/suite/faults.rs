@@ -172,47 +172,15 @@ async fn axes_lost_while_the_white_frame_is_waited_for_are_homed_both() {
     }
 }
 
-/// Once something has been measured in air, nobody mounts the shell for a job that has lost where it stands.
-#[tokio::test(start_paused = true)]
-async fn a_job_that_loses_an_axis_at_a_prompt_ends_there() {
-    let mut config = small_config(9);
-    config.bench.simulation.operator_confirms = false;
-    let service = service(config).await;
+/// An alignment whose operator is the test: `at` is called at each of its events, with the prompt where that is a new one and
+/// what it is answered with, and says whether it is confirmed then.
+async fn prompted(
+    service: &Arc<Service>,
+    mut at: impl AsyncFnMut(&JobSnapshot, Option<&OperatorStep>, Shown<'_>) -> bool,
+) -> JobSnapshot {
     let mut events = service.subscribe();
-    let (key, permit) = key_and_permit(&service);
+    let (key, permit) = key_and_permit(service);
     let shown = Shown { lease: Some(&key), ..Shown::default() };
-    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
-    let mut answered = 0;
-    let job = loop {
-        let Event::Job { job } = events.recv().await.unwrap() else { continue };
-        if job.id == id && job.state.is_final() {
-            break job;
-        }
-        let Some(step) = job.operator_step.as_ref().filter(|step| step.number > answered) else { continue };
-        answered = step.number;
-        match step.name.as_str() {
-            "shell_and_water" => service.bench().e.forget_position(),
-            _ => drop(service.confirm(id, answered, shown).await.unwrap()),
-        }
-    };
-    failed_naming(&job, &["where the e axis stands was lost while the operator was at work"]);
-    assert_eq!(job.operator_step, None);
-    assert_ne!(service.bench_view().shell, ShellState::On);
-}
-
-/// An alignment in which something is done at each of its events, and whose operator confirms each prompt after that.
-async fn prompted(mut at: impl FnMut(&JobSnapshot, Option<&OperatorStep>, &dyn Fn(PictureFault))) -> JobSnapshot {
-    let mut config = small_config(9);
-    config.bench.simulation.operator_confirms = false;
-    let service = service(config).await;
-    let simulated = service.bench().simulated.clone().unwrap();
-    let show = |picture| {
-        let mut faults = Faults::default();
-        faults.camera.picture = picture;
-        simulated.set_faults(faults);
-    };
-    let mut events = service.subscribe();
-    let (key, permit) = key_and_permit(&service);
     let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
     let mut answered = 0;
     loop {
@@ -221,25 +189,59 @@ async fn prompted(mut at: impl FnMut(&JobSnapshot, Option<&OperatorStep>, &dyn F
             return service.job(id).unwrap();
         }
         let step = job.operator_step.as_ref().filter(|step| step.number > answered);
-        at(&job, step, &show);
+        let confirms = at(&job, step, shown).await;
         if let Some(step) = step {
             answered = step.number;
-            service.confirm(id, answered, Shown { lease: Some(&key), ..Shown::default() }).await.unwrap();
+            if confirms {
+                service.confirm(id, answered, shown).await.unwrap();
+            }
         }
     }
+}
+
+/// A small bench without an operator of its own.
+async fn unattended() -> Arc<Service> {
+    let mut config = small_config(9);
+    config.bench.simulation.operator_confirms = false;
+    service(config).await
+}
+
+/// Has the camera show something else.
+fn show(service: &Service, picture: PictureFault) {
+    let mut faults = Faults::default();
+    faults.camera.picture = picture;
+    service.bench().simulated.as_ref().unwrap().set_faults(faults);
+}
+
+/// Once something has been measured in air, nobody mounts the shell for a job that has lost where it stands.
+#[tokio::test(start_paused = true)]
+async fn a_job_that_loses_an_axis_at_a_prompt_ends_there() {
+    let service = unattended().await;
+    let job = prompted(&service, async |_, step, _| {
+        let mounts = step.is_some_and(|step| step.name == "shell_and_water");
+        if mounts {
+            service.bench().e.forget_position();
+        }
+        !mounts
+    })
+    .await;
+    failed_naming(&job, &["where the e axis stands was lost while the operator was at work"]);
+    assert_eq!(job.operator_step, None);
+    assert_ne!(service.bench_view().shell, ShellState::On);
 }
 
 /// What was measured before the light went out counts, and the board that was put up again is measured by itself.
 #[tokio::test(start_paused = true)]
 async fn a_light_that_goes_out_amid_the_air_step_costs_nothing_but_a_prompt_once_more() {
-    let mut dark = Vec::new();
-    let job = prompted(|job, step, show| {
+    let (service, mut dark) = (unattended().await, Vec::new());
+    let job = prompted(&service, async |job, step, _| {
         if step.is_some_and(|step| step.because.is_some()) {
             dark.push(job.iterations.len());
-            show(PictureFault::None);
+            show(&service, PictureFault::None);
         } else if dark.is_empty() && job.iterations.len() == 2 {
-            show(PictureFault::Dark);
+            show(&service, PictureFault::Dark);
         }
+        true
     })
     .await;
     assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
@@ -251,9 +253,9 @@ async fn a_light_that_goes_out_amid_the_air_step_costs_nothing_but_a_prompt_once
 /// Noise is sharp as well: no axis is led by it, and nobody is told to change what is right.
 #[tokio::test(start_paused = true)]
 async fn what_is_asked_for_in_the_dark_is_asked_for_again() {
-    let mut dark = Vec::new();
-    let job = prompted(|_, step, show| {
-        let Some(step) = step else { return };
+    let (service, mut dark) = (unattended().await, Vec::new());
+    let job = prompted(&service, async |_, step, _| {
+        let Some(step) = step else { return false };
         let first = step.because.is_none();
         if first {
             dark.push(step.number);
@@ -261,7 +263,8 @@ async fn what_is_asked_for_in_the_dark_is_asked_for_again() {
             assert!(because.contains("rame is blank") && step.instruction.starts_with(because), "{step:?}");
             assert_eq!(step.repeats, dark.last().copied(), "{step:?}");
         }
-        show(if first { PictureFault::Dark } else { PictureFault::None });
+        show(&service, if first { PictureFault::Dark } else { PictureFault::None });
+        true
     })
     .await;
     assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
@@ -275,9 +278,11 @@ async fn what_is_asked_for_in_the_dark_is_asked_for_again() {
 #[tokio::test(start_paused = true)]
 async fn where_it_stays_dark_nothing_is_blamed_but_that() {
     for place in ["board_in_air", "aperture", "shell_and_water"] {
-        let job = prompted(|_, step, show| {
-            let Some(step) = step else { return };
-            show(if step.name.ends_with(place) { PictureFault::Dark } else { PictureFault::None });
+        let service = unattended().await;
+        let job = prompted(&service, async |_, step, _| {
+            let Some(step) = step else { return false };
+            show(&service, if step.name.ends_with(place) { PictureFault::Dark } else { PictureFault::None });
+            true
         })
         .await;
         failed_naming(&job, &["frame is blank"]);
@@ -292,35 +297,24 @@ async fn where_it_stays_dark_nothing_is_blamed_but_that() {
 /// What comes next would be measured in the old picture, and the job would end at it.
 #[tokio::test(start_paused = true)]
 async fn no_prompt_is_confirmed_while_the_camera_gives_an_old_picture_again() {
-    let mut config = small_config(9);
-    config.bench.simulation.operator_confirms = false;
-    let service = service(config).await;
-    let simulated = service.bench().simulated.clone().unwrap();
-    let mut events = service.subscribe();
-    let (key, permit) = key_and_permit(&service);
-    let shown = Shown { lease: Some(&key), ..Shown::default() };
-    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
-    let mut answered = 0;
-    let job = loop {
-        let Event::Job { job } = events.recv().await.unwrap() else { continue };
-        if job.id == id && job.state.is_final() {
-            break job;
-        }
-        let Some(step) = job.operator_step.as_ref().filter(|step| step.number > answered) else { continue };
-        answered = step.number;
+    let (service, mut prompts) = (unattended().await, 0);
+    let job = prompted(&service, async |job, step, shown| {
+        let Some(&OperatorStep { number, .. }) = step else { return false };
         let mut frozen = Faults::default();
         frozen.camera.frozen = true;
-        simulated.set_faults(frozen);
+        service.bench().simulated.as_ref().unwrap().set_faults(frozen);
         for _ in 0..2 {
-            let refused = service.confirm(id, answered, shown).await.unwrap_err();
+            let refused = service.confirm(job.id, number, shown).await.unwrap_err();
             assert!(matches!(refused, ServiceError::Refused(Refusal::OldPicture)), "{refused:?}");
-            assert_eq!(service.job(id).unwrap().operator_step.unwrap().number, answered, "it waits for it still");
+            assert_eq!(service.job(job.id).unwrap().operator_step.unwrap().number, number, "it waits for it still");
         }
-        simulated.set_faults(Faults::default());
-        service.confirm(id, answered, shown).await.unwrap();
-    };
+        show(&service, PictureFault::None);
+        prompts += 1;
+        true
+    })
+    .await;
     assert_eq!(job.state, JobState::Converged, "{:?}\n{:#?}", job.reason, job.log);
-    assert!(answered >= 4, "{answered} prompts");
+    assert!(prompts >= 4, "{prompts} prompts");
 }
 
 #[tokio::test]

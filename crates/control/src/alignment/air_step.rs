@@ -82,10 +82,7 @@ impl Alignment<'_> {
             }
             self.context.doing(format!("air: measuring Δv ({})", kind.word()));
             let looked = self.observe_air(standing, plan, frames).await;
-            if let Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) = &looked
-                && let Some(why) = self.without_light(&mut dark).await?
-            {
-                self.context.once_more(&why);
+            if self.was_dark(&looked, &mut dark).await? {
                 self.place(standing).await?;
                 air.seen_otherwise(reading_mm);
                 continue;
@@ -392,13 +389,9 @@ impl Alignment<'_> {
             self.aperture_set = true;
             // The micro-images have moved and changed their size: does the white frame still fit?
             let looked = self.white_is_off().await;
-            if let Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) = &looked
-                && let Some(why) = self.without_light(&mut dark).await?
-            {
-                self.context.once_more(&why);
-                continue;
+            if !self.was_dark(&looked, &mut dark).await? {
+                break looked?;
             }
-            break looked?;
         };
         if is_off {
             self.another_white_frame().await?;

@@ -43,7 +43,7 @@ pub(super) const VERIFY_FRAMES: u32 = 2;
 const WHITE_TRIES: u32 = 3;
 /// What is said before it is asked for once more.
 const OLD_WHITE: &str = "The camera gave an old picture again as if it were new: unplug it and plug it in again";
-/// How often boards are asked for again because nothing could be seen of them.
+/// How often a step is asked for again because nothing could be seen.
 const DARK_TRIES: u32 = 2;
 /// Measurements of a loop before it is cut off, whatever its decisions.
 pub(super) const MAX_MEASUREMENTS: u32 = 60;
@@ -359,14 +359,19 @@ impl Alignment<'_> {
         }
     }
 
-    /// Why nothing can be seen where a frame could not be measured, whatever the focus: it is dark, or far too bright. `None`
-    /// where that is not why. `before` counts how often it was why, and after [`DARK_TRIES`] it is the job's end.
-    pub(super) async fn without_light(&self, before: &mut u32) -> Result<Option<String>, JobEnd> {
+    /// Whether what was `looked` at could not be measured because nothing can be seen, whatever the focus: it is dark, or far
+    /// too bright. The step is to be asked for once more then. `before` counts how often it was why, and after
+    /// [`DARK_TRIES`] it is the job's end.
+    pub(super) async fn was_dark<T>(&self, looked: &Result<T, JobEnd>, before: &mut u32) -> Result<bool, JobEnd> {
+        if !matches!(looked, Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. }))) {
+            return Ok(false);
+        }
         match self.context.unless_cancelled(self.eye.check_light()).await {
-            Ok(()) => Ok(None),
+            Ok(()) => Ok(false),
             Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if *before < DARK_TRIES => {
                 *before += 1;
-                Ok(Some(why))
+                self.context.once_more(&why);
+                Ok(true)
             }
             Err(end) => Err(end),
         }

@@ -29,15 +29,22 @@ const CREEP_SIGMAS: f64 = 4.0;
 const NEAR_SHELL_MM: f64 = 1.0;
 
 impl Alignment<'_> {
-    pub(crate) async fn shell(&mut self, plan: &Plan, step: ShellStep) -> Result<(), JobEnd> {
-        let Some(camera) = self.findings.camera else {
-            return Err(JobEnd::failed("the shell step needs the air step's calibration"));
-        };
+    /// Has the shell mounted, the tank filled and the board put up in it.
+    async fn ask_for_shell(&self) -> Result<(), JobEnd> {
         let distance_mm = self.config.object.distance_mm;
         let instruction = format!(
             "Take the diffuser off if it is on. Mount the shell, fill the tank, and put the flat board {distance_mm:.1} mm from the shell's outer vertex."
         );
-        let setup = Setup::WaterBoard { distance_mm };
+        let value = Some(format!("{distance_mm:.1} mm"));
+        self.ask("shell_and_water", instruction, value, Setup::WaterBoard { distance_mm }).await?;
+        self.motion.set_shell(ShellState::On);
+        Ok(())
+    }
+
+    pub(crate) async fn shell(&mut self, plan: &Plan, step: ShellStep) -> Result<(), JobEnd> {
+        let Some(camera) = self.findings.camera else {
+            return Err(JobEnd::failed("the shell step needs the air step's calibration"));
+        };
         let here_mm = self.motion.position_mm(AxisName::Focus)?;
         let focus_at_air = self.eye.air_step().map_or(here_mm, |air| air.focus_mm);
         if (here_mm - focus_at_air).abs() > MOVED_MM {
@@ -48,9 +55,7 @@ impl Alignment<'_> {
         }
         self.motion.shell_may_be_on();
         self.findings.shell_step_done = Some("ended before anything was measured through the shell".to_owned());
-        let value = format!("{distance_mm:.1} mm");
-        self.ask("shell_and_water", instruction.clone(), Some(value.clone()), setup.clone()).await?;
-        self.motion.set_shell(ShellState::On);
+        self.ask_for_shell().await?;
         let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
@@ -65,17 +70,16 @@ impl Alignment<'_> {
             let trim_mm = (self.motion.position_mm(AxisName::Focus)? - focus_at_air) * focus_scale;
             let seen = self.spacing_at_rest(kind, frames).await;
             let look = ShellLook { camera: &camera, axis, e_mm: e_reading_mm, trim_mm, trim_bound_mm: 0.0 };
+            if first_look && self.was_dark(&seen, &mut dark).await? {
+                self.ask_for_shell().await?;
+                continue;
+            }
             let seen = match seen {
                 Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
-                    if let Some(why) = self.without_light(&mut dark).await? {
-                        self.context.once_more(&why);
-                        self.ask("shell_and_water", instruction.clone(), Some(value.clone()), setup.clone()).await?;
-                        self.motion.set_shell(ShellState::On);
-                    } else if let Some(named) = led {
+                    if let Some(named) = led {
                         return Err(JobEnd::failed(named));
-                    } else {
-                        led = Some(self.look_through_shell(&look, plan, why).await?);
                     }
+                    led = Some(self.look_through_shell(&look, plan, why).await?);
                     continue;
                 }
                 seen => seen?,

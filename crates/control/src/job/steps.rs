@@ -133,20 +133,20 @@ pub(crate) fn begin(steps: &mut Vec<JobStep>, step: JobStep, spent: &TimeSpent) 
         for before in steps.iter_mut().filter(|before| before.number.is_some() && before.number == step.repeats) {
             before.state = StepState::Repeated;
         }
-        steps.insert(here, JobStep { state: StepState::Now, began_at: Some(Timestamp::now()), ..step });
-        return;
-    }
-    let (past, next) = steps.split_at(here);
-    let expected = next.iter().position(|next| next.is_like(&step));
-    // One of that name whose value has turned out otherwise, unless this is another one in between.
-    let instead = || {
-        let known = past.iter().any(|past| past.is_like(&step) && past.state == StepState::Done);
-        next.first().filter(|next| !known && next.name == step.name).map(|_| 0)
-    };
-    if let Some(place) = expected.or_else(instead) {
+    } else if let Some(place) = planned(&steps[..here], &steps[here..], &step) {
         steps.drain(here..=here + place);
     }
     steps.insert(here, JobStep { state: StepState::Now, began_at: Some(Timestamp::now()), ..step });
+}
+
+/// Where a step is among the `next` ones, after those `past`.
+fn planned(past: &[JobStep], next: &[JobStep], step: &JobStep) -> Option<usize> {
+    let expected = next.iter().position(|next| next.is_like(step));
+    // One of that name whose value has turned out otherwise, unless this is another one in between.
+    expected.or_else(|| {
+        let known = past.iter().any(|past| past.is_like(step) && past.state == StepState::Done);
+        next.first().filter(|next| !known && next.name == step.name).map(|_| 0)
+    })
 }
 
 /// The step under way is done; it took what was `spent` since it began.

@@ -154,8 +154,8 @@ impl CalibratedCamera {
             mla::a_from_spacing(self.design.mla.pitch, paraxial, self.mla_to_sensor_mm)
         };
         let from = a_mm(from_px, trim);
-        let mut by = from - a_mm(to_px, trim);
-        for _ in 0..E_ROUNDS {
+        let mut by = 0.0;
+        for _ in 0..=E_ROUNDS {
             by = from - a_mm(to_px, trim + by);
         }
         by

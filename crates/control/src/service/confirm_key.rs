@@ -9,6 +9,7 @@ use uuid::Uuid;
 use super::Service;
 use crate::job::JobSnapshot;
 use crate::refusal::{Refusal, ServiceError};
+use crate::running::job::Job;
 use bench::access::{Digest, Secret};
 
 /// What a confirm key begins with.
@@ -76,17 +77,12 @@ impl Service {
     /// camera gives an old picture again.
     pub async fn confirm(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
         let job = self.find(id)?;
-        // What has ended waits for nothing, whatever is shown, and says so.
-        if !job.snapshot().state.is_final() {
-            self.may_confirm(id, shown)?;
-            if job.snapshot().waits_for(step) && self.gives_old_picture().await {
-                return Err(Refusal::OldPicture.into());
-            }
-            // Another key may have been made meanwhile.
-            if !job.snapshot().state.is_final() {
-                self.may_confirm(id, shown)?;
-            }
+        self.may_answer(&job, shown)?;
+        if job.snapshot().waits_for(step) && self.gives_old_picture().await {
+            return Err(Refusal::OldPicture.into());
         }
+        // Another key may have been made meanwhile.
+        self.may_answer(&job, shown)?;
         job.confirm(step)?;
         Ok(job.snapshot())
     }
@@ -99,9 +95,7 @@ impl Service {
     /// confirm key is shown.
     pub fn repeat(&self, id: Uuid, step: u32, shown: Shown<'_>) -> Result<JobSnapshot, ServiceError> {
         let job = self.find(id)?;
-        if !job.snapshot().state.is_final() {
-            self.may_confirm(id, shown)?;
-        }
+        self.may_answer(&job, shown)?;
         job.repeat(step)?;
         Ok(job.snapshot())
     }
@@ -122,7 +116,12 @@ impl Service {
         }
     }
 
-    fn may_confirm(&self, id: Uuid, shown: Shown<'_>) -> Result<(), Refusal> {
+    fn may_answer(&self, job: &Job, shown: Shown<'_>) -> Result<(), Refusal> {
+        let JobSnapshot { id, state, .. } = job.snapshot();
+        // What has ended waits for nothing, whatever is shown, and says so.
+        if state.is_final() {
+            return Ok(());
+        }
         let by_lease = shown.lease.is_some_and(|key| self.is_lease_of_job(id, key).unwrap_or(false));
         if by_lease || shown.confirm.is_some_and(|key| self.confirm_keys.opens(id, key)) {
             return Ok(());

@@ -105,13 +105,6 @@ impl Service {
         Ok((job, Acceptance::Now))
     }
 
-    /// Whether the camera's frames may be measured, where a job is to measure them.
-    fn can_be_measured(&self, kind: JobKind) -> Result<(), Refusal> {
-        let unfit = self.bench.camera.state().borrow().unfit.clone();
-        let why = unfit.filter(|_| kind != JobKind::Homing);
-        why.map_or(Ok(()), |why| Err(Refusal::NotMeasurable { why }))
-    }
-
     async fn accept_job(
         self: &Arc<Self>,
         permit: &Permit,
@@ -122,8 +115,8 @@ impl Service {
     ) -> Result<JobSnapshot, ServiceError> {
         request.check(&self.config)?;
         // A replay meets again what the job met.
-        if recorded.sink.is_none() {
-            self.can_be_measured(request.kind)?;
+        if recorded.sink.is_none() && request.kind != JobKind::Homing {
+            self.eye.check_camera().map_err(|why| Refusal::NotMeasurable { why: why.to_string() })?;
         }
         self.history_ready().await?;
         let (job, context) = self.reserve(permit, &admission, &request, key)?;
