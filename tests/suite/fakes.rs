@@ -26,6 +26,8 @@ pub(crate) struct StillStage {
     pub(crate) homes_also: Mutex<Option<AxisName>>,
     /// The other axis, where only one of the two may move at a time.
     pub(crate) takes_turns_with: Mutex<Option<AxisName>>,
+    /// How far its controller lets it go, mm.
+    pub(crate) limits_mm: Mutex<Option<(f64, f64)>>,
     /// Where it was told to go, mm.
     pub(crate) told: Mutex<Vec<f64>>,
     /// While this is set, neither a move nor a stop ends.
@@ -49,6 +51,7 @@ impl StillStage {
             delivery: Mutex::new(StopDelivery::Confirmed),
             homes_also: Mutex::new(None),
             takes_turns_with: Mutex::new(None),
+            limits_mm: Mutex::new(None),
             told: Mutex::default(),
             held: watch::channel(false).0,
         }
@@ -80,7 +83,7 @@ impl Stage for StillStage {
             location: "test".into(),
             disagreements: vec![],
             contradictions: vec![],
-            firmware_limits: None,
+            firmware_limits: self.limits_mm.lock().unwrap().map(|(low, high)| (Millimetres(low), Millimetres(high))),
         }
     }
 

@@ -6,6 +6,7 @@ use plenalign::config::{BoardTexture, BoardsInAir, Config, ConfigOrigin, LBoundS
 use plenalign::control::job::{JobKind, JobRequest, JobState};
 use plenalign::control::plan::{PlanView, PlannedBoards};
 use plenalign::optics::{ArrayKind, MlaMode};
+use reqwest::Method;
 use serde_json::{Value, json};
 
 use super::bench::{run, service, small_config};
@@ -223,6 +224,32 @@ async fn nothing_moves_for_what_is_refused() {
         assert!(reason.contains("bench.focus.high_limit_mm is 1.5, and would have to be at least"), "{reason}");
         assert!(service.bench_view().axes.iter().all(|axis| !axis.homed), "{kind:?} homed an axis");
         assert!(!job.log.iter().any(|line| line.message.contains("operator step")), "{:?}", job.log);
+    }
+}
+
+/// What a controller lets an axis travel less than is configured is missed before anybody is asked for anything.
+#[tokio::test]
+async fn a_travel_that_a_controller_cuts_short_is_told_beforehand() {
+    for (key, focus, e) in [
+        ("bench.focus.high_limit_mm", Some((-20.0, 1.5)), None),
+        ("bench.focus.low_limit_mm", Some((-0.3, 60.0)), None),
+        ("bench.e.high_limit_mm", None, Some((-20.0, 25.0))),
+    ] {
+        let fakes = fakes();
+        *fakes.focus.limits_mm.lock().unwrap() = focus;
+        *fakes.e.limits_mm.lock().unwrap() = e;
+        let daemon = Daemon::start(fakes.bench).await;
+        let view: Value = daemon.post("/api/v1/plan", &json!({})).await.json().await.unwrap();
+        let found = &view["obstacles"][0];
+        assert_eq!(found["key"], key, "{view}");
+        assert!(found["value"].as_str().unwrap().contains("of which the axis's controller leaves"), "{found}");
+        let begun: Value =
+            daemon.command(Method::POST, "/api/v1/jobs", &json!({ "kind": "air_only" })).await.json().await.unwrap();
+        let href = begun["href"].as_str().unwrap();
+        let job = daemon.until(href, "failed", |job| job["state"] == "failed").await;
+        assert!(job["reason"].as_str().unwrap().contains(key), "{job}");
+        assert!(job["steps"].as_array().unwrap().is_empty(), "{job}");
+        assert!(fakes.focus.told.lock().unwrap().is_empty() && fakes.e.told.lock().unwrap().is_empty());
     }
 }
 

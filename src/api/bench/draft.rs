@@ -113,7 +113,7 @@ pub(in crate::api) async fn plan(
     JsonBody(request): JsonBody<DraftRequest>,
 ) -> Result<Json<PlanView>> {
     let (draft, origin) = drafted(&app, request)?;
-    let plan = PlanView::of(&draft, &origin);
+    let plan = PlanView::within(&draft, &origin, app.service.travel(&draft));
     let in_force = draft == **app.service.config();
     Ok(Json(if in_force { app.service.as_it_usually_took(plan).await } else { plan }))
 }

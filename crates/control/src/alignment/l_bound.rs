@@ -52,7 +52,7 @@ impl Alignment<'_> {
         }
         let clearance = self.config.assembly.clearance_mm.max(3.0 * sigma);
         let (l_bound_mm, wall_mm) = (least_e + clearance, self.config.assembly.e_wall_mm(least_e + clearance));
-        let highest_mm = self.config.bench.e.high_limit_mm;
+        let (_, highest_mm) = self.motion.travel(self.config).e_mm;
         if wall_mm >= highest_mm {
             return Err(JobEnd::failed(format!(
                 "an l_bound of {l_bound_mm:.2} mm was measured, which puts the e wall at {wall_mm:.2} mm, beyond the e axis's travel to {highest_mm} mm: shell, water or board are not what is configured, or the axis is too short"

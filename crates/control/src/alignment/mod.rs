@@ -402,7 +402,8 @@ impl Alignment<'_> {
 
     /// How an alignment that aims at a solution is led, with the shell mounted at e (mm) or nearer.
     pub(super) fn plan(&self, solution: Solution, mount_e_mm: f64) -> Plan {
-        Plan::new(self.config, solution, self.motion.l_bound_mm(), mount_e_mm)
+        let travel = self.motion.travel(self.config);
+        Plan::new(self.config, solution, self.motion.l_bound_mm(), mount_e_mm).within(travel)
     }
 
     /// The [sound plan](Self::sound_plan) of the joint solution for l_bound as it is known.

@@ -67,8 +67,8 @@ impl Alignment<'_> {
 
     async fn clarity_only(&mut self, e_mm: f64) -> Result<(), JobEnd> {
         // What is on the way is seen in the picture.
-        let axis = &self.config.bench.e;
-        let (low, high) = (axis.low_limit_mm.max(self.motion.e_wall_mm()), axis.high_limit_mm);
+        let (low, high) = self.motion.travel(self.config).e_mm;
+        let low = low.max(self.motion.e_wall_mm());
         if !(low..=high).contains(&e_mm) {
             return Err(JobEnd::failed(format!(
                 "e = {e_mm:.3} mm is outside what the e axis may be sent to: {low:.3} to {high:.3} mm"

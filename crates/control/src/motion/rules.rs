@@ -4,8 +4,9 @@ use super::{EKnown, Motion, State, index};
 use crate::events::ShellState;
 use crate::loops::axis_model::{AxisModel, READBACK_TOLERANCE_MM};
 use crate::loops::room::{EAxis, Room};
+use crate::plan::Travel;
 use crate::refusal::{Refusal, ServiceError};
-use bench::config::Side;
+use bench::config::{AxisConfig, Config, Side};
 use bench::device::{AxisName, DeviceError};
 use plenoptics::units::Millimetres;
 
@@ -58,7 +59,7 @@ impl Motion {
     /// The positions an axis may be sent to now: least and greatest, mm.
     #[must_use]
     pub fn range_mm(&self, axis: AxisName) -> (f64, f64) {
-        let (low, high) = self.travel_mm(axis);
+        let (low, high) = self.travel_mm(axis, self.axis(axis));
         match axis {
             AxisName::Focus => (low, high),
             // A wall beyond the travel leaves its far end.
@@ -68,8 +69,7 @@ impl Motion {
 
     /// How far an axis may travel: between its configured limits, and where those are beyond its controller's, no further
     /// than that lets it, and not up to the switch that it homes to.
-    fn travel_mm(&self, axis: AxisName) -> (f64, f64) {
-        let config = self.axis(axis);
+    fn travel_mm(&self, axis: AxisName, config: &AxisConfig) -> (f64, f64) {
         let configured = (config.low_limit_mm, config.high_limit_mm);
         let Some((low, high)) = self.bench.stage(axis).info().firmware_limits else { return configured };
         let clear_mm = |side| if config.home_side == side { SWITCH_CLEAR_MM } else { 0.0 };
@@ -78,6 +78,15 @@ impl Motion {
         let narrowed = (configured.0.max(low), configured.1.min(high));
         // What leaves nothing is a contradiction, which is told elsewhere.
         if narrowed.0 < narrowed.1 { narrowed } else { configured }
+    }
+
+    /// How far the axes may travel by a configuration, with the shell off.
+    #[must_use]
+    pub fn travel(&self, config: &Config) -> Travel {
+        Travel {
+            focus_mm: self.travel_mm(AxisName::Focus, &config.bench.focus),
+            e_mm: self.travel_mm(AxisName::E, &config.bench.e),
+        }
     }
 
     /// Whether a move may start now.
@@ -122,7 +131,7 @@ impl Motion {
 
     /// Limits and wall; a move that leads back towards them from outside is allowed.
     pub(super) fn check_range(&self, axis: AxisName, from: Millimetres, target: Millimetres) -> Result<(), Refusal> {
-        let (low, high) = self.travel_mm(axis);
+        let (low, high) = self.travel_mm(axis, self.axis(axis));
         let leads_back = |bound_low: f64, bound_high: f64| {
             (from.value() < bound_low && target > from && target.value() <= bound_high)
                 || (from.value() > bound_high && target < from && target.value() >= bound_low)

@@ -109,6 +109,24 @@ struct AxisRoom {
     most_mm: f64,
 }
 
+/// How far the axes travel, mm: least and greatest reading of each.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Travel {
+    /// Of the focus axis.
+    pub focus_mm: (f64, f64),
+    /// Of the e axis.
+    pub e_mm: (f64, f64),
+}
+
+impl Travel {
+    /// As it is configured.
+    #[must_use]
+    pub const fn configured(config: &Config) -> Self {
+        let (focus, e) = (&config.bench.focus, &config.bench.e);
+        Self { focus_mm: (focus.low_limit_mm, focus.high_limit_mm), e_mm: (e.low_limit_mm, e.high_limit_mm) }
+    }
+}
+
 impl AxisRoom {
     fn of(axis: &AxisConfig) -> Self {
         Self {
@@ -204,6 +222,13 @@ impl Plan {
         plan.e_probe_mm =
             (E_PROBE / plan.slope_e(plan.mount_e_mm)).clamp(least, most).min(0.25 * (plan.mount_e_mm - wall_mm));
         plan
+    }
+
+    /// The same where the axes' controllers may let them travel less far than is configured.
+    #[must_use]
+    pub fn within(self, travel: Travel) -> Self {
+        let room = |axis: AxisRoom, (low_mm, high_mm)| AxisRoom { low_mm, high_mm, ..axis };
+        Self { focus: room(self.focus, travel.focus_mm), e: room(self.e, travel.e_mm), ..self }
     }
 
     /// The goal of the air loop.

@@ -65,6 +65,15 @@ fn obstacle(key: &str, value: impl ToString, needed: impl Into<String>, why: imp
     Obstacle { key: key.to_owned(), value: value.to_string(), needed: needed.into(), why: why.into() }
 }
 
+/// A limit of an axis's travel, mm, in words, and what its controller's own leaves of it.
+fn left(configured_mm: f64, left_mm: f64) -> String {
+    if configured_mm == left_mm {
+        configured_mm.to_string()
+    } else {
+        format!("{configured_mm}, of which the axis's controller leaves {left_mm:.2}")
+    }
+}
+
 /// A lower bound to so many places, rounded upwards: what is said to be enough is.
 fn at_least(value: f64, places: i32) -> f64 {
     let unit = 10f64.powi(places);
@@ -85,6 +94,7 @@ impl Plan {
         // Of a camera that cannot be measured nothing else can be said.
         if found.is_empty() {
             self.check_focus_travel(config, &mut found);
+            self.check_e_travel(config, &mut found);
             self.check_steps(config, &mut found);
             self.check_boards(config, &mut found);
             self.check_room(config, &mut found);
@@ -159,23 +169,38 @@ impl Plan {
             "Δv = {delta_v:.3} mm is wanted, and may lie {unknown:.2} mm beside the axis's reading (zero_uncertainty_mm and twice scale_uncertainty)"
         );
         let (least, most) = (delta_v - unknown, delta_v + unknown);
-        if most > axis.high_limit_mm {
+        let low = left(axis.low_limit_mm, self.focus.low_mm);
+        let high = left(axis.high_limit_mm, self.focus.high_mm);
+        if most > self.focus.high_mm {
             let needed = format!("at least {:.1}", at_least(most, 1));
-            found.push(obstacle("bench.focus.high_limit_mm", axis.high_limit_mm, needed, why.clone()));
+            found.push(obstacle("bench.focus.high_limit_mm", &high, needed, why.clone()));
         }
-        if least < axis.low_limit_mm {
+        if least < self.focus.low_mm {
             let needed = format!("at most {:.1}", at_most(least, 1));
-            found.push(obstacle("bench.focus.low_limit_mm", axis.low_limit_mm, needed, why));
+            found.push(obstacle("bench.focus.low_limit_mm", &low, needed, why));
         }
         let free = FREE_PROBES * self.focus_probe_mm;
         let why = format!("the first move after the homing needs {free:.2} mm free on both sides");
-        if axis.home_position_mm - axis.low_limit_mm < free {
+        if axis.home_position_mm - self.focus.low_mm < free {
             let needed = format!("at most {:.2}", axis.home_position_mm - free);
-            found.push(obstacle("bench.focus.low_limit_mm", axis.low_limit_mm, needed, why.clone()));
+            found.push(obstacle("bench.focus.low_limit_mm", low, needed, why.clone()));
         }
-        if axis.high_limit_mm - axis.home_position_mm < free {
+        if self.focus.high_mm - axis.home_position_mm < free {
             let needed = format!("at least {:.2}", axis.home_position_mm + free);
-            found.push(obstacle("bench.focus.high_limit_mm", axis.high_limit_mm, needed, why));
+            found.push(obstacle("bench.focus.high_limit_mm", high, needed, why));
+        }
+    }
+
+    /// Whether the e axis comes to where the shell is mounted.
+    fn check_e_travel(&self, config: &Config, found: &mut Vec<Obstacle>) {
+        let (axis, mount_mm) = (&config.bench.e, self.mount_e_mm);
+        let why = format!("the shell is mounted at e = {mount_mm:.1} mm");
+        if mount_mm > self.e.high_mm {
+            let needed = format!("at least {:.1}", at_least(mount_mm, 1));
+            found.push(obstacle("bench.e.high_limit_mm", left(axis.high_limit_mm, self.e.high_mm), needed, why));
+        } else if mount_mm < self.e.low_mm {
+            let needed = format!("at most {:.1}", at_most(mount_mm, 1));
+            found.push(obstacle("bench.e.low_limit_mm", left(axis.low_limit_mm, self.e.low_mm), needed, why));
         }
     }
 

@@ -7,7 +7,7 @@ use super::boards::{AirBoards, Arrangement};
 use super::expected::ExpectedBudget;
 use super::obstacle::Obstacle;
 use super::precision::{Precision, spacing_sigma_px};
-use super::{Plan, spacing_in_water};
+use super::{Plan, Travel, spacing_in_water};
 use crate::job::request::JobKind;
 use crate::job::steps::PlannedStep;
 use bench::config::{Config, ConfigOrigin, LBoundSource};
@@ -146,11 +146,17 @@ pub struct PlanView {
 }
 
 impl PlanView {
-    /// The plan of a joint alignment by a checked configuration.
+    /// The plan of a joint alignment by a checked configuration, on a bench of which nothing else is known.
     #[must_use]
     pub fn of(config: &Config, origin: &ConfigOrigin) -> Self {
+        Self::within(config, origin, Travel::configured(config))
+    }
+
+    /// The same on a bench whose axes travel so far.
+    #[must_use]
+    pub fn within(config: &Config, origin: &ConfigOrigin, travel: Travel) -> Self {
         let (assembly, design) = (&config.assembly, config.design());
-        let of = |solution| Plan::new(config, solution, assembly.l_bound_mm, assembly.initial_e_mm);
+        let of = |solution| Plan::new(config, solution, assembly.l_bound_mm, assembly.initial_e_mm).within(travel);
         let joint = of(design.joint(assembly.l_bound_mm));
         let clarity = of(design.clarity(assembly.initial_e_mm));
         let parts = PARTS.map(|kind| {

@@ -35,6 +35,7 @@ use crate::measuring::eye::Eye;
 use crate::measuring::meter::Readings;
 use crate::motion::lease::{LeaseGrant, LeaseRequest, Leases};
 use crate::motion::{Motion, Stops};
+use crate::plan::Travel;
 use crate::running::job::Job;
 use crate::service::by_hand::{Failure, Jogging};
 use crate::service::confirm_key::ConfirmKeys;
@@ -299,6 +300,12 @@ impl Service {
     #[must_use]
     pub fn stops(&self) -> Stops {
         self.motion.stops()
+    }
+
+    /// How far the axes may travel by a configuration, with the shell off: their controllers may let them less far.
+    #[must_use]
+    pub fn travel(&self, config: &Config) -> Travel {
+        self.motion.travel(config)
     }
 
     /// The control lease.
