@@ -24,6 +24,11 @@ const COHERENCE_KNOWN_LEAST: f64 = 0.3;
 /// Coherence of the phases in the frame's middle below which a lattice is none. That of a true one, from its peaks in the
 /// spectrum alone, is several times as much.
 const HOPELESS: f64 = 0.15;
+/// Nearer to a known grid than this, in pitches, nothing was found elsewhere.
+const STAYS: f64 = 0.02;
+/// A quarter of a pitch beside a grid's place, the white frame's profile is off by so many times as much as in it, at least.
+const BESIDE: f64 = 0.25;
+const WORSE: f64 = 1.5;
 /// Median distance of micro-images from the grid, in pitches, up to which a frame counts as clean (a white frame) and
 /// may ask for more than a lattice.
 pub(super) const CLEAN_SCATTER: f64 = 0.006;
@@ -111,6 +116,19 @@ pub fn find_grid(image: &RawImage, options: &GridOptions) -> Result<Grid, GridEr
     Ok(centred(grid))
 }
 
+/// Whether a white frame's profile fits a frame clearly worse with the grid moved to any side: that it fits is no chance then,
+/// nor for the frame's texture alone, under which any place would do.
+fn fits_nowhere_beside(white: &Vignetting, image: &RawImage, grid: &Grid) -> bool {
+    let step = BESIDE * grid.pitch_px();
+    let misfit = |[x, y]: [f64; 2]| {
+        let moved = Grid { centre: [grid.centre[0] + x, grid.centre[1] + y], ..grid.clone() };
+        white.fit(image, &moved).map(|fit| fit.misfit)
+    };
+    let Ok(here) = misfit([0.0; 2]) else { return false };
+    let sides = [[step, 0.0], [-step, 0.0], [0.0, step], [0.0, -step]];
+    sides.into_iter().all(|side| misfit(side).is_ok_and(|misfit| misfit > WORSE * here))
+}
+
 /// Fits a known grid to a frame taken at another image distance: a shift of a few pixels and a change of the pitch of
 /// up to 1 %. Rotation, array and distortion are kept: a motor does not turn the array. With `white`, the micro-image's
 /// profile from the white frame that the grid is of, a textured frame is placed better than by its own mean profile.
@@ -151,10 +169,13 @@ pub fn refine_grid(image: &RawImage, grid: &Grid, white: Option<&Vignetting>) ->
     if change.abs() > PITCH_FOLLOWED {
         return Err(misfit(format!("its pitch would change by {:.2} %", 100.0 * change)));
     }
-    // Print under a hexagonal array has phases of its own. The white frame's profile, once it fits, says as much as they.
+    // Print under a hexagonal array has phases of its own, and coarse print under few large micro-images hides the lattice's.
+    // The white frame's profile, once it fits, says as much as they; where they say nothing it does not lead elsewhere.
     let profile_fits = || {
         let fit = white.and_then(|white| white.fit(image, &refined).ok());
-        refined.coherence >= HOPELESS && fit.is_some_and(|fit| fit.fits())
+        let stays = || refined.distance_to(grid) <= STAYS * grid.pitch_px();
+        let alone_here = || white.is_some_and(|white| fits_nowhere_beside(white, image, &refined));
+        fit.is_some_and(|fit| fit.fits()) && (refined.coherence >= HOPELESS || (stays() && alone_here()))
     };
     if refined.coherence < COHERENCE_KNOWN_LEAST && !profile_fits() {
         return Err(misfit(format!("coherence {:.2}, at least {COHERENCE_KNOWN_LEAST} is needed", refined.coherence)));
