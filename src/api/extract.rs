@@ -16,7 +16,9 @@ use serde_json::Value;
 
 use super::App;
 use super::error::{CONFIRM_HEADER, LEASE_HEADER, Problem};
+use crate::access::{LOCAL, Principal};
 use crate::control::Shown;
+use crate::control::field::words;
 use crate::control::motion::Stops;
 
 /// Longest body of a request, bytes.
@@ -93,6 +95,24 @@ fn unfit(path: String, message: &str) -> Problem {
 fn field(path: String, message: &str) -> String {
     let named = message.split('`').nth(1).filter(|_| message.contains("field `"));
     if matches!(path.as_str(), "." | "?") { named.unwrap_or(".").to_owned() } else { path }
+}
+
+/// Who stops or cancels, where no token says so. It is no body, which a stop would have to wait for.
+#[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
+#[into_params(parameter_in = Query)]
+pub(super) struct Asker {
+    /// Who, where no token says so: shown to everybody. What could not be shown is left out, and refuses nothing.
+    owner: Option<String>,
+}
+
+impl Asker {
+    /// What whoever asks is called: the token's name, or the one given; `None` where there is neither.
+    pub(super) fn name(asked: Result<Query<Self>, Problem>, principal: &Principal) -> Option<String> {
+        if principal.name != LOCAL {
+            return Some(principal.name.clone());
+        }
+        asked.ok().and_then(|Query(Self { owner })| owner).filter(|owner| words("owner", owner).is_ok())
+    }
 }
 
 /// The control lease's key, as the request shows it.

@@ -161,7 +161,7 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                     }
                     _ => {
                         progress.say("standard input is closed: nobody can confirm the operator's steps; cancelling");
-                        service.cancel(id)?;
+                        service.cancel(id, None)?;
                     }
                 }
             }
@@ -171,7 +171,7 @@ async fn follow(service: &Arc<Service>, signals: &mut Signals, record: Option<Pa
                 }
                 interrupted = true;
                 progress.say("stopping the axes; a second signal ends at once");
-                service.cancel(id)?;
+                service.cancel(id, None)?;
             }
         }
     }

@@ -505,7 +505,7 @@ async fn a_full_disk_keeps_everything_still() {
     assert!(refused.to_string().contains("the disk is full"), "{refused}");
     service.set_faults(Faults::default());
     let id = service.create_job(&permit(&service), JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
-    service.cancel(id).unwrap();
+    service.cancel(id, None).unwrap();
 }
 
 #[tokio::test]

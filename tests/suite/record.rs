@@ -256,7 +256,7 @@ async fn a_failed_and_a_cancelled_job_are_replayed_as_far_as_they_came() {
     let id = service.create_job(&permit(&service), recorded(JobKind::AirOnly)).await.unwrap().id;
     let state = || service.job(id).unwrap().state;
     until("the job asks", async || state() == JobState::WaitingForOperator).await;
-    service.cancel(id).unwrap();
+    service.cancel(id, None).unwrap();
     until("the job ends", async || state().is_final()).await;
     let replayed = replay(&file_of(&service, &service.job(id).unwrap())).await.unwrap();
     identical(&replayed);

@@ -105,7 +105,7 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
                 assert!(again.progress.step < far.step && again.progress.of == far.of, "{far:?}, {:?}", again.progress);
             }
             // It has come to where it was; the rest is as without.
-            (_, "shell_and_water") => drop(service.cancel(id).unwrap()),
+            (_, "shell_and_water") => drop(service.cancel(id, None).unwrap()),
             _ => drop(service.confirm(id, step.number, shown).await.unwrap()),
         }
     };

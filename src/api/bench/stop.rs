@@ -9,39 +9,28 @@ use serde_json::json;
 use crate::access::{AuditRecord, LOCAL, Principal};
 use crate::api::App;
 use crate::api::error::{Problem, Result};
-use crate::api::extract::{JsonBody, Query};
+use crate::api::extract::{Asker, JsonBody, Query};
 use crate::api::metrics::Arrived;
 use crate::api::types::ResetRequest;
 use crate::control::events::StopView;
 use crate::control::field::words;
 use crate::control::{ServiceError, StopReport};
 
-/// Who stops.
-#[derive(Debug, serde::Deserialize, utoipa::IntoParams)]
-#[into_params(parameter_in = Query)]
-pub(in crate::api) struct Stopping {
-    /// Who, where no token says so: shown to everybody. It is no body, which a stop would have to wait for. What could not
-    /// be shown is left out, and refuses no stop.
-    owner: Option<String>,
-}
-
 /// Stops every axis at once and latches: motion is refused until the stop is reset.
 ///
 /// Answers in every state of the bench, and says for each axis how far the stop got.
 #[utoipa::path(
-    post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", params(Stopping),
+    post, path = "/api/v1/stop", operation_id = "stop", tag = "stop", params(Asker),
     responses((status = 200, body = StopReport))
 )]
 pub(in crate::api) async fn stop(
     State(app): State<App>,
     Extension(Arrived(at)): Extension<Arrived>,
     Extension(principal): Extension<Principal>,
-    asked: Result<Query<Stopping>>,
+    asked: Result<Query<Asker>>,
 ) -> Json<StopReport> {
-    let owner = asked.ok().and_then(|Query(Stopping { owner })| owner);
-    // Who has a token is known by it.
-    let owner = owner.filter(|owner| principal.name == LOCAL && words("owner", owner).is_ok());
-    let report = app.service.stop(at, owner.as_ref().unwrap_or(&principal.name)).await;
+    let by = Asker::name(asked, &principal);
+    let report = app.service.stop(at, by.as_ref().unwrap_or(&principal.name)).await;
     // After the axes: nothing comes before them.
     let detail = json!({ "focus": report.focus, "e": report.e, "kept": report.kept });
     app.gate.audit(AuditRecord::of(&principal, "stop", detail));

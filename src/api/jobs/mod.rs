@@ -14,7 +14,7 @@ use uuid::Uuid;
 use super::App;
 use super::contract::{FromHistory, Keyed, Motion};
 use super::error::{Problem, Result};
-use super::extract::{ConfirmKeys, JsonBody, LeaseKey, PathParam};
+use super::extract::{Asker, ConfirmKeys, JsonBody, LeaseKey, PathParam, Query};
 use super::types::{ConfirmKeyGrant, ConfirmRequest, JobCreated, JobResource, RepeatRequest};
 use crate::access::{AuditRecord, Principal, Scope};
 use crate::control::job::{JobRequest, JobSnapshot};
@@ -98,7 +98,7 @@ pub(super) async fn get(State(app): State<App>, PathParam(id): PathParam<Uuid>) 
 /// Returns at once, the job goes to `cancelling`. Asked again, or of a job that has ended, nothing more happens.
 #[utoipa::path(
     delete, path = "/api/v1/jobs/{id}", operation_id = "cancel_job", tag = "jobs",
-    params(("id" = Uuid, Path, description = "The job's id")),
+    params(("id" = Uuid, Path, description = "The job's id"), Asker),
     responses(
         (status = 200, body = JobResource),
         FromHistory,
@@ -108,11 +108,12 @@ pub(super) async fn cancel(
     State(app): State<App>,
     Extension(principal): Extension<Principal>,
     PathParam(id): PathParam<Uuid>,
+    asked: Result<Query<Asker>>,
 ) -> Result<Json<JobResource>> {
     if app.service.job(id).is_ok_and(|job| !job.state.is_final()) {
         app.gate.audit(AuditRecord::of(&principal, "job.cancel", json!({ "job": id })));
     }
-    let cancelled = match app.service.cancel(id) {
+    let cancelled = match app.service.cancel(id, Asker::name(asked, &principal).as_deref()) {
         // Of an earlier run, and so over.
         Err(ServiceError::NoSuchJob { .. }) => app.service.find_job(id).await?,
         cancelled => cancelled?,

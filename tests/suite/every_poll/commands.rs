@@ -115,7 +115,7 @@ fn job(rig: &Rig, kind: JobKind) -> JoinHandle<()> {
             }
             elapse(Duration::from_millis(5)).await;
         }
-        service.cancel(job.id).unwrap();
+        service.cancel(job.id, None).unwrap();
         done(&service).await;
     })
 }
@@ -216,7 +216,7 @@ async fn tried(steps: &Steps, name: &str, begin: Command, end: End, polls: usize
         tokio::spawn(ending).await.unwrap();
     }
     if let Some(job) = rig.service.bench_view().job {
-        rig.service.cancel(job).unwrap();
+        rig.service.cancel(job, None).unwrap();
     }
     commanded.await.unwrap();
     done(&rig.service).await;

@@ -129,8 +129,9 @@ export const takeLease = async () => done(await lease.take());
 export const takeOverLease = async () => done(await lease.takeOver());
 export const releaseLease = async () => done(await lease.release());
 
-export const stopAll = () =>
-  request<StopReport>("POST", `${STOP}?${new URLSearchParams({ owner: me() }).toString()}`);
+/** Who asks, for what is asked without a body. */
+const asker = () => new URLSearchParams({ owner: me() }).toString();
+export const stopAll = () => request<StopReport>("POST", `${STOP}?${asker()}`);
 export const resetStop = (why: string) => request<Bench["stop"]>("DELETE", STOP, { why, owner: me() });
 
 export const home = (axis: AxisName) => lease.command<Bench>("POST", `/api/v1/axes/${axis}/home`);
@@ -159,7 +160,7 @@ export async function startJob(job: JobRequest): Promise<Result<Job>> {
   }
   return started;
 }
-export const cancelJob = (job: Job) => request<Job>("DELETE", job.href);
+export const cancelJob = (job: Job) => request<Job>("DELETE", `${job.href}?${asker()}`);
 const WRONG_KEY = "urn:plenalign:problem:confirm-key-wrong";
 
 /** What shows that this tab may answer for a job: the key of its lease, its confirm key, or both. */

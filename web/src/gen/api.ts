@@ -8164,7 +8164,10 @@ export interface operations {
   };
   cancel_job: {
     parameters: {
-      query?: never;
+      query?: {
+        /** @description Who, where no token says so: shown to everybody. What could not be shown is left out, and refuses nothing. */
+        owner?: string;
+      };
       header?: never;
       path: {
         /** @description The job's id */
@@ -8202,6 +8205,15 @@ export interface operations {
       };
       /** @description There is nothing under this name */
       404: {
+        headers: {
+          [name: string]: unknown;
+        };
+        content: {
+          "application/problem+json": components["schemas"]["Problem"];
+        };
+      };
+      /** @description A parameter does not say what it must; `field` names it */
+      422: {
         headers: {
           [name: string]: unknown;
         };
@@ -10555,10 +10567,7 @@ export interface operations {
   stop: {
     parameters: {
       query?: {
-        /**
-         * @description Who, where no token says so: shown to everybody. It is no body, which a stop would have to wait for. What could not
-         *     be shown is left out, and refuses no stop.
-         */
+        /** @description Who, where no token says so: shown to everybody. What could not be shown is left out, and refuses nothing. */
         owner?: string;
       };
       header?: never;

@@ -2,10 +2,10 @@
 
 import type { Job } from "../daemon/wire";
 
-/** Reasons that only repeat the state. */
-const REPEATS = ["done", "cancelled"];
+/** What only repeats the state that stands beside it. */
+const REPEATS = /^(done$|cancelled\b *)/;
 
 /** What is to be said beside a job's state; null where nothing more is known. */
 export function reasonOf({ reason }: Pick<Job, "reason">): string | null {
-  return reason && !REPEATS.includes(reason) ? reason : null;
+  return reason?.replace(REPEATS, "") || null;
 }

@@ -12,6 +12,7 @@ from uuid import UUID
 from . import _operations as op
 from ._files import Path_, write
 from ._transport import LONG_S, Transport
+from ._user import this_user
 from .errors import (
     ConnectionLostError,
     JobEndedError,
@@ -140,9 +141,14 @@ class Job:
         self._confirm_key = answer.as_(ConfirmKeyGrant).confirm_key
         return self._confirm_key
 
-    def cancel(self) -> JobResource:
-        """Cancels the job, which returns at once: `wait` for its end. May be repeated."""
-        self._resource = self._transport.ask(op.CANCEL_JOB, path=self._path).as_(JobResource)
+    def cancel(self, *, owner: str | None = None) -> JobResource:
+        """Cancels the job, which returns at once: `wait` for its end. May be repeated.
+
+        Who did is shown to everybody: the token's name, or where there is no token `owner`, which is user and machine
+        unless given.
+        """
+        query = {"owner": owner or this_user()}
+        self._resource = self._transport.ask(op.CANCEL_JOB, path=self._path, query=query).as_(JobResource)
         return self._resource
 
     def wait(

@@ -225,13 +225,13 @@ impl Service {
         self.publish_bench();
     }
 
-    /// Asks a job to end; may be repeated, also after its end.
+    /// Asks a job to end, and keeps who did where that is known; may be repeated, also after its end.
     ///
     /// # Errors
     /// [`ServiceError::NoSuchJob`].
-    pub fn cancel(&self, id: Uuid) -> Result<JobSnapshot, ServiceError> {
+    pub fn cancel(&self, id: Uuid, by: Option<&str>) -> Result<JobSnapshot, ServiceError> {
         let job = self.find(id)?;
-        job.cancel("cancelled".to_owned());
+        job.cancel(by.map_or_else(|| "cancelled".to_owned(), |by| format!("cancelled by {by}")));
         Ok(job.snapshot())
     }
 }

@@ -22,7 +22,7 @@ impl Service {
         let job = self.current();
         // Behind the latch and the orders, but not behind the axes' answers: the job could come to its end meanwhile, and
         // the program to its own.
-        let cancelled = async { job.inspect(|job| job.cancel("stopped".to_owned())) };
+        let cancelled = async { job.inspect(|job| job.cancel(format!("stopped by {by}"))) };
         let (report, _, kept) = tokio::join!(biased; self.motion.stop(asked, by), cancelled, self.kept_soon());
         self.publish_bench();
         StopReport { kept, ..report }

@@ -24,7 +24,7 @@ async fn only_the_same_request_that_came_to_its_end_tells_how_long_one_takes() {
     for (cancelled, known) in [(true, false), (false, true)] {
         let id = service.create_job(&permit, homing.clone()).await.unwrap().id;
         if cancelled {
-            service.cancel(id).unwrap();
+            service.cancel(id, None).unwrap();
         }
         while !matches!(events.recv().await.unwrap(), Event::Job { job } if job.id == id && job.state.is_final()) {}
         service.journal.store().flush().await;
