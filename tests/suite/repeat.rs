@@ -3,10 +3,12 @@
 use std::sync::Arc;
 use std::time::Duration;
 
+use plenalign::config::ConfigOrigin;
 use plenalign::control::events::{InView, ShellState};
 use plenalign::control::history::read;
-use plenalign::control::job::steps::StepState;
+use plenalign::control::job::steps::{JobStep, StepState};
 use plenalign::control::job::{JobKind, JobRequest, JobSnapshot, JobState};
+use plenalign::control::plan::PlanView;
 use plenalign::control::replay::replay;
 use plenalign::control::{Refusal, Service, ServiceError, Shown, open_bench};
 use plenalign::store::Store;
@@ -171,4 +173,52 @@ async fn a_white_frame_and_a_board_are_done_again_without_losing_the_job() {
     // Replayed, the same steps are asked for again, and the same comes of it.
     let replayed = replay(&file).await.unwrap();
     assert!(replayed.identical, "{:?} {:?}", replayed.differences, replayed.replayed_end);
+}
+
+/// A flat board is put up where levels were asked for, which are not told apart then.
+#[tokio::test(start_paused = true)]
+async fn levels_that_were_given_up_for_a_flat_board_are_asked_for_again_as_such() {
+    let mut config = small_config(7);
+    let plan = PlanView::of(&config, &ConfigOrigin::Preset);
+    let [near, middle, far] = [0, 1, 2].map(|level| plan.boards[level].distance_mm);
+    let simulation = &mut config.bench.simulation;
+    (simulation.operator_confirms, simulation.rays) = (false, 8);
+    simulation.level_errors_mm = [middle - near, 0.0, middle - far];
+    quick_axes(&mut config.bench);
+    let config = Arc::new(config);
+    let bench = open_bench(&config).await.unwrap();
+    let service = Service::start(config, "a test's configuration".to_owned(), bench, Store::in_memory());
+    let (key, permit) = key_and_permit(&service);
+    let shown = Shown { lease: Some(&key), ..Shown::default() };
+    let id = service.create_job(&permit, JobRequest::of(JobKind::JointAlignment)).await.unwrap().id;
+    let (mut seen, mut given_up, mut again) = (0, None, None);
+    let job = loop {
+        let job = asks(&service, id, seen).await;
+        let Some(step) = job.operator_step.clone() else { break job };
+        elapse(OPERATOR).await;
+        seen = step.number;
+        if again == Some(step.number - 1) {
+            assert_eq!((step.name.as_str(), step.repeats), ("triple_board_in_air", given_up));
+            again = None;
+        }
+        match step.name.as_str() {
+            "board_in_air" if given_up.is_none() => {
+                let next = |step: &&JobStep| step.state == StepState::Next;
+                let to_come: Vec<&str> = job.steps.iter().filter(next).map(|step| step.name.as_str()).collect();
+                assert_eq!(
+                    to_come,
+                    ["board_in_air", "board_in_air", "shell_and_water"],
+                    "the other places are to come"
+                );
+                (given_up, again) = (step.repeatable.last().copied(), Some(step.number));
+                service.repeat(id, given_up.unwrap(), shown).unwrap();
+            }
+            "shell_and_water" => drop(service.cancel(id, Some("Ada")).unwrap()),
+            _ => drop(service.confirm(id, step.number, shown).await.unwrap()),
+        }
+    };
+    assert_eq!(job.reason.as_deref(), Some("cancelled by Ada"), "{:?}", job.log);
+    assert!(again.is_none() && given_up.is_some(), "{:?}", job.steps);
+    let done = |step: &&JobStep| step.state == StepState::Done && step.name == "board_in_air";
+    assert_eq!(job.steps.iter().filter(done).count(), 3, "levels that are none are given up again: {:?}", job.steps);
 }

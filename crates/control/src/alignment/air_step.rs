@@ -2,14 +2,14 @@
 
 use super::{Alignment, MAX_MEASUREMENTS, VERIFY_FRAMES};
 use crate::budget::{AirPlace, AirStep, BoardSeen};
-use crate::job::IterationKind;
+use crate::job::{IterationKind, Stage};
 use crate::loops::air::{AirDecision, AirLoop, AirObservation};
 use crate::loops::axis_model::{AxisModel, check_move};
 use crate::loops::calibrated::CalibratedCamera;
 use crate::measuring::eye::Seen;
 use crate::measuring::not_measured::NotMeasured;
 use crate::measuring::sight::{CameraSeen, HoldB};
-use crate::plan::{AirBoards, Arrangement, Plan};
+use crate::plan::{AirBoards, Arrangement, Plan, has_shell};
 use crate::running::end::JobEnd;
 use bench::config::BoardsInAir;
 use bench::device::{AxisName, Setup};
@@ -89,8 +89,8 @@ impl Alignment<'_> {
             }
             let (observation, seen) = match looked {
                 Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if self.may_change_to_flat(standing) => {
-                    self.context.log(format!("{why}: {IN_TURN}"));
-                    (*plan, boards) = (plan.with_flat_board(), None);
+                    boards = None;
+                    self.change_to_flat(plan, &why);
                     continue;
                 }
                 // Later what was predicted from the pictures before would have to be wrong.
@@ -152,8 +152,8 @@ impl Alignment<'_> {
                     return Ok(standing);
                 }
                 AirDecision::TooUncertain { why } if self.may_change_to_flat(standing) => {
-                    self.context.log(format!("{why}: {IN_TURN}"));
-                    (*plan, boards, kind, predicted) = (plan.with_flat_board(), None, IterationKind::Verify, None);
+                    (boards, kind, predicted) = (None, IterationKind::Verify, None);
+                    self.change_to_flat(plan, &why);
                     air.seen_otherwise(reading_mm);
                 }
                 AirDecision::TooUncertain { why } | AirDecision::NotConverged { why } => {
@@ -181,6 +181,24 @@ impl Alignment<'_> {
     /// Whether a flat board may stand in for what stands before the lens.
     fn may_change_to_flat(&self, standing: AirBoards) -> bool {
         self.config.boards.in_air == BoardsInAir::Auto && matches!(standing, AirBoards::Levels(_))
+    }
+
+    /// From now on a flat board stands in for the levels, and says why.
+    fn change_to_flat(&self, plan: &mut Plan, why: &str) {
+        self.context.log(format!("{why}: {IN_TURN}"));
+        *plan = plan.with_flat_board();
+        self.tell_boards(plan);
+    }
+
+    /// Has the steps to come say which boards a plan has in air.
+    pub(super) fn tell_boards(&self, plan: &Plan) {
+        let (mut in_air, parking) = plan.steps_in_air(self.config);
+        let job = self.context.snapshot();
+        // While l_bound is measured e is not parked.
+        if job.stage == Stage::Air && has_shell(job.kind) {
+            in_air.extend(parking);
+        }
+        self.context.change_boards(in_air, self.aperture_set);
     }
 
     /// b as configured and its standard uncertainty, mm.

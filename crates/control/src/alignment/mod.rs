@@ -133,11 +133,16 @@ impl Alignment<'_> {
         self.findings.solution = Some(plan.solution);
         // What an l_bound was measured by is not measured again.
         self.context.let_repeat(self.findings.l_bound_sigma_mm.is_none());
-        let mut again = None;
+        let (mut again, as_planned) = (None, *plan);
         loop {
             match self.air_once(plan, shell, again).await {
                 Err(JobEnd::Repeat(what)) => again = Some(what),
                 ended => return ended,
+            }
+            // Levels that a flat board stands in for by now are tried once more.
+            if again != Some(Repeatable::FlatBoard) {
+                *plan = as_planned;
+                self.tell_boards(plan);
             }
         }
     }

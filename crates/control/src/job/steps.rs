@@ -66,16 +66,22 @@ pub struct JobStep {
 pub(crate) enum Repeatable {
     /// The white frame, and with it all that was measured by it.
     WhiteFrame,
-    /// The board in air, and with it the air step.
-    Board,
+    /// The triple-level board in air, and with it the air step.
+    Levels,
+    /// A flat board in air, and with it the air step.
+    FlatBoard,
 }
+
+/// Name of the step that sets the aperture, which belongs to the air step.
+const APERTURE: &str = "aperture";
 
 impl Repeatable {
     /// What a step of this name is; `None` where it cannot be done again.
     pub(crate) fn of(name: &str) -> Option<Self> {
         match name {
             "white_frame" => Some(Self::WhiteFrame),
-            "board_in_air" | "triple_board_in_air" => Some(Self::Board),
+            "triple_board_in_air" => Some(Self::Levels),
+            "board_in_air" => Some(Self::FlatBoard),
             _ => None,
         }
     }
@@ -124,6 +130,15 @@ pub(crate) fn expect(steps: &mut Vec<JobStep>, planned: Vec<PlannedStep>) {
     steps.extend(planned.into_iter().map(JobStep::next));
 }
 
+/// Other boards than was planned are put up in air: what is still to come there.
+pub(crate) fn change_boards(steps: &mut Vec<JobStep>, in_air: Vec<PlannedStep>, aperture_set: bool) {
+    let from = steps.iter().take_while(|step| step.state != StepState::Next).count();
+    let is_in_air = |step: &&JobStep| step.name == APERTURE || Repeatable::of(&step.name).is_some();
+    let planned = steps[from..].iter().take_while(is_in_air).count();
+    let in_air = in_air.into_iter().filter(|step| step.name != APERTURE || !aperture_set);
+    steps.splice(from..from + planned, in_air.map(JobStep::next));
+}
+
 /// A step begins, where the one before has come to its end. What was planned before it is not needed after all, unless it is
 /// one before once more.
 pub(crate) fn begin(steps: &mut Vec<JobStep>, step: JobStep, spent: &TimeSpent) {
@@ -163,11 +178,12 @@ pub(crate) fn repeatable(steps: &[JobStep], from: u32, waiting: &str) -> Vec<u32
     if Repeatable::of(waiting) == Some(Repeatable::WhiteFrame) {
         return Vec::new();
     }
-    let last = |what| {
-        let mut done = steps.iter().filter(|step| step.state == StepState::Done);
-        done.rfind(|step| Repeatable::of(&step.name) == Some(what) && step.number >= Some(from))?.number
+    let last = |white| {
+        let mut done = steps.iter().filter(|step| step.state == StepState::Done && step.number >= Some(from));
+        done.rfind(|step| Repeatable::of(&step.name).is_some_and(|what| (what == Repeatable::WhiteFrame) == white))?
+            .number
     };
-    [Repeatable::WhiteFrame, Repeatable::Board].into_iter().filter_map(last).collect()
+    [true, false].into_iter().filter_map(last).collect()
 }
 
 /// The operator's step `number` is asked for again: it and what depends on it is still to come, and so is what waits now.

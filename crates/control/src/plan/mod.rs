@@ -11,6 +11,7 @@ mod view;
 pub use boards::{AirBoards, Arrangement};
 pub use expected::ExpectedBudget;
 pub use obstacle::Obstacle;
+pub(crate) use view::has_shell;
 pub use view::{PlanView, PlannedBoard, PlannedBoards, PlannedJob};
 
 use crate::loops::air::{AirGoal, FREE_PROBES};

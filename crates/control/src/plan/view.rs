@@ -23,7 +23,7 @@ const MEASUREMENTS: [f64; 2] = [6.0, 6.0];
 const PARTS: [JobKind; 4] = [JobKind::AirOnly, JobKind::ShellOnly, JobKind::ClarityOnly, JobKind::LBoundMeasurement];
 
 /// Whether a kind of job that goes by a plan brings the picture through the shell to its target.
-const fn has_shell(kind: JobKind) -> bool {
+pub(crate) const fn has_shell(kind: JobKind) -> bool {
     !matches!(kind, JobKind::AirOnly | JobKind::LBoundMeasurement)
 }
 
@@ -265,9 +265,7 @@ impl Plan {
 
     /// What the operator is asked in a kind of job that goes by this plan.
     pub(crate) fn operator_steps(&self, kind: JobKind, config: &Config) -> Vec<PlannedStep> {
-        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
-        let spacing_sigma = spacing_sigma_px(config) / pitch_px;
-        let (in_air, standing) = self.steps_in_air(self.first_boards(), spacing_sigma);
+        let (in_air, parking) = self.steps_in_air(config);
         let distance_mm = config.object.distance_mm;
         let in_water = || Some(format!("{distance_mm:.1} mm"));
         let shell = || PlannedStep::new("shell_and_water", in_water(), Setup::WaterBoard { distance_mm });
@@ -287,15 +285,22 @@ impl Plan {
         }
         steps.extend(in_air);
         if has_shell(kind) {
-            let parking = self.boards_while_parking(standing).into_iter().map(AirBoards::Flat);
-            steps.extend(parking.map(PlannedStep::boards));
+            steps.extend(parking);
             steps.push(shell());
         }
         steps
     }
 
+    /// What the operator is asked in an air step, and then while e goes to where the shell is mounted.
+    pub(crate) fn steps_in_air(&self, config: &Config) -> (Vec<PlannedStep>, Vec<PlannedStep>) {
+        let pitch_px = self.design.mla.pitch / config.pixel_pitch().millimetres();
+        let (in_air, standing_mm) = self.air_step(self.first_boards(), spacing_sigma_px(config) / pitch_px);
+        let places = self.boards_while_parking(standing_mm).into_iter();
+        (in_air, places.map(|place| PlannedStep::boards(self.arrangement.about(place))).collect())
+    }
+
     /// The steps of an air step, and where (mm) the board stands at its end.
-    fn steps_in_air(&self, first: Option<AirBoards>, spacing_sigma: f64) -> (Vec<PlannedStep>, f64) {
+    fn air_step(&self, first: Option<AirBoards>, spacing_sigma: f64) -> (Vec<PlannedStep>, f64) {
         let solution = &self.solution;
         let at_solution = self.boards_at_solution();
         let mut steps: Vec<PlannedStep> = first.map(PlannedStep::boards).into_iter().collect();

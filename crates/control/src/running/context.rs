@@ -100,6 +100,11 @@ impl JobContext {
         });
     }
 
+    /// Takes what the operator will be asked in air, where other boards than was planned are put up.
+    pub(crate) fn change_boards(&self, in_air: Vec<PlannedStep>, aperture_set: bool) {
+        self.job.change(|job| steps::change_boards(&mut job.steps, in_air, aperture_set));
+    }
+
     /// Whether the operator may have steps done again from now on: those so far, too, or only what is asked from now on.
     pub(crate) fn let_repeat(&self, those_so_far: bool) {
         let next = self.steps_asked.load(Ordering::SeqCst) + 1;
