@@ -63,7 +63,10 @@ pub(crate) fn figures(report: &Report) -> Vec<(&'static str, String)> {
                 None => NOT_MEASURED.to_owned(),
             },
         ),
-        ("aperture", format!("{:.3} mm, f/{:.2} on the ring", report.aperture_mm, report.aperture_ring_f_number)),
+        (
+            "aperture to set",
+            format!("{:.3} mm, f/{:.2} on the ring", report.aperture_mm, report.aperture_ring_f_number),
+        ),
         ("depth of field in water", interval(report.depth_of_field, reached, 0)),
         ("e within the blur limit", interval(report.e_tolerance, reached, 2)),
         ("l_bound", value(Some(report.l_bound_mm), report.l_bound_sigma_mm, 3)),

@@ -245,7 +245,7 @@ export const report: typeof en.report = {
   deltaV: "Δv",
   e: "e",
   spacing: "Punktabstand",
-  aperture: "Blende",
+  aperture: "Einzustellende Blende",
   fov: "Bildwinkel im Wasser",
   depth: "Schärfentiefe",
   tolerance: "e innerhalb der zulässigen Unschärfe",

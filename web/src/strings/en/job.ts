@@ -245,7 +245,7 @@ export const report = {
   deltaV: "Δv",
   e: "e",
   spacing: "Spacing",
-  aperture: "Aperture",
+  aperture: "Aperture to set",
   fov: "Field of view in water",
   depth: "Depth of field",
   tolerance: "e within the blur limit",
