@@ -64,10 +64,11 @@ function whyOf(out: NonNullable<State["out"]>): string {
 /** Who one is, and the way out. */
 export function Who({ session, leave }: { session: Session; leave: () => void }) {
   return (
-    <p class="who">
-      <span>
-        {session.name} · {strings.signIn.scope[session.scope]}
+    <p class="who" data-signed-in={session.signed_in}>
+      <span class="name" title={session.name}>
+        {session.name}
       </span>
+      <span class="scope">{strings.signIn.scope[session.scope]}</span>
       {session.signed_in && (
         <button id="sign-out" onClick={leave}>
           {strings.signIn.signOut}
