@@ -550,7 +550,7 @@ async function withoutDiskOrCamera(page, address) {
   await page.locator("#confirm:not([aria-disabled=true])").waitFor();
 }
 
-/** Has somebody else confirm the first prompt, by the link that the job's starter hands on. */
+/** Has somebody else confirm the first prompt with a key made there, and the second by the link that the job's starter hands on. */
 async function handOver(page) {
   step("somebody else sees the prompt, and cannot confirm it without the job's key");
   const heading = await page.locator(".operator h3").textContent({ timeout: 60_000 });
@@ -575,6 +575,18 @@ async function handOver(page) {
   await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
   await other.locator(".give-key").waitFor();
 
+  step("whoever may make another key confirms from where they are, and that once the question is answered");
+  await other.locator("#confirm-here").dblclick();
+  await other.locator(".turn .ask", { hasText: "Confirm from here from now on?" }).waitFor();
+  await photograph(other, "confirm-here");
+  await accessible(other);
+  assert.equal(await other.locator("#confirm").count(), 0, "it is confirmed by a question");
+  await other.getByRole("button", { name: "Confirm from here", exact: true }).click();
+  await other.locator("#confirm").dblclick();
+  await page.locator(".operator h3", { hasText: heading }).waitFor({ state: "detached", timeout: 15_000 });
+  const second = await page.locator(".operator h3").textContent({ timeout: 60_000 });
+  await other.locator("#confirm").waitFor();
+
   step("where the prompt is not in sight the page says whose turn it is, and leads to it");
   await page.evaluate(() => (location.hash = "#/design"));
   await page.locator("header .call", { hasText: "Your turn" }).click();
@@ -584,6 +596,11 @@ async function handOver(page) {
   step("the link with the key confirms it, and leaves no key in the address bar");
   await page.locator(".hand-on summary").click();
   await photograph(page, "hand-on");
+  // The key that the link had is dead since another was made.
+  await page.locator("#renew-key").click();
+  await other.locator("#confirm").click();
+  await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
+  await other.locator(".give-key").waitFor();
   const link = await page.locator("#confirm-link").inputValue();
   const asked = [];
   other.on("request", (request) => asked.push(request.url()));
@@ -597,7 +614,7 @@ async function handOver(page) {
   );
   await other.reload();
   await other.locator("#confirm").dblclick();
-  await page.locator(".operator h3", { hasText: heading }).waitFor({ state: "detached", timeout: 15_000 });
+  await page.locator(".operator h3", { hasText: second }).waitFor({ state: "detached", timeout: 15_000 });
   assert.deepEqual(theirs(), []);
   await context.close();
 }
