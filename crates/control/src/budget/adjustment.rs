@@ -4,7 +4,9 @@
 use nalgebra::{DMatrix, DVector};
 
 /// Rounds of Gauss and Newton at the most: an alignment's equations are nearly straight, so that three do as a rule.
-const ROUNDS: usize = 6;
+const ROUNDS: usize = 12;
+/// How often a step is halved that leads uphill, as the equations bend on its way.
+const HALVINGS: usize = 10;
 /// A round that moves no unknown by more than this, in units of its standard uncertainty beforehand, is the last: the slopes
 /// where it began are those where it ended.
 const SETTLED: f64 = 1e-5;
@@ -53,12 +55,20 @@ impl Adjusted {
         };
         let seen = weighted(measured.iter().map(|m| m.value).collect());
         let slopes = |at: &DVector<f64>| slopes(at, measured.len(), |unknowns| weighted(predicted(unknowns)));
+        let off = |at: &DVector<f64>| (&seen - weighted(predicted(at))).norm_squared() + at.norm_squared();
         let mut settled = None;
         for _ in 0..ROUNDS {
             let slopes = slopes(&unknowns);
             let residual = &seen - weighted(predicted(&unknowns));
             let normal = DMatrix::identity(count, count) + slopes.transpose() * &slopes;
-            let step = normal.cholesky()?.solve(&(slopes.transpose() * residual - &unknowns));
+            let mut step = normal.cholesky()?.solve(&(slopes.transpose() * &residual - &unknowns));
+            let here = residual.norm_squared() + unknowns.norm_squared();
+            for _ in 0..HALVINGS {
+                if off(&(&unknowns + &step)) <= here {
+                    break;
+                }
+                step *= 0.5;
+            }
             unknowns += &step;
             if step.amax() < SETTLED {
                 settled = Some(slopes);
@@ -174,6 +184,13 @@ mod tests {
         // Whichever of the two is wrong, results are as uncertain as that makes them.
         let of = DVector::from_row_slice(&[1.0, 0.0]);
         assert!(not.sigma(&of) > 1.5 * fits.sigma(&of), "{} {}", not.sigma(&of), fits.sigma(&of));
+    }
+
+    #[test]
+    fn a_step_that_is_too_long_is_shortened() {
+        let measured = [Measured { value: 0.0, sigma: 0.01 }];
+        let adjusted = Adjusted::find(1, &measured, |u| vec![(3.0 * (u[0] - 2.0)).atan()]).unwrap();
+        assert!((adjusted.unknowns[0] - 2.0).abs() < 1e-3 && adjusted.left[0].abs() < 3.0, "{adjusted:?}");
     }
 
     #[test]
