@@ -375,6 +375,9 @@ async fn a_mistake_is_named_by_a_picture_that_the_focus_axis_was_led_to() {
         let reason = job.reason.unwrap();
         assert!(reason.contains(named) && reason.contains("from where the air step left it"), "{reason}");
         assert!(reason.contains("no e that the axis can have"), "{reason}");
+        assert_eq!(service.bench_view().contradicted, Some(reason), "no move is to be made by that picture");
+        service.set_shell(&permit(&service), ShellState::Off).unwrap();
+        assert_eq!(service.bench_view().contradicted, None, "another picture is seen");
     }
 }
 

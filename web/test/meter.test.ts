@@ -426,6 +426,9 @@ describe("the advice", () => {
     for (const spacing of [19.78, 28.985])
       expect(of(full, spacing)).toEqual({ main: hindered.history, other: null });
     expect(of(full, 19.7255).main).toMatch(/no move/);
+    // A job has refused to move anything by this picture.
+    const against = { contradicted: "the spacing is 19.033 px, and should be 15.478 px" };
+    expect(of(against)).toEqual({ main: hindered.contradicted, other: null });
     expect(of({ stop: { latched: true } })).toEqual({ main: hindered.stopped, other: null });
     const [focus, e] = snapshotBench.axes as [Bench["axes"][0], Bench["axes"][0]];
     const gone = of({ axes: [focus, { ...e, connected: false }] });

@@ -18,6 +18,10 @@ describe("the way on from a job that ended early", () => {
       ],
     });
     expect(kinds(stopped, bench)).toEqual(["joint_alignment"]);
+    // What the picture contradicts may be the air step.
+    const doubted = { ...holds, contradicted: "it fits boards that stood elsewhere" };
+    expect(wayOn(stopped, doubted)?.airStep).toBe("doubtful");
+    expect(kinds(stopped, doubted)).toEqual(["joint_alignment", "shell_only"]);
     // A shell step that has lost its air step would only fail again.
     const shell = {
       ...job("a", 3, "failed"),

@@ -270,6 +270,10 @@ pub struct BenchView {
     /// there is a white frame of it as it is set.
     #[serde(default)]
     pub air_step_holds: bool,
+    /// Why the picture through the shell is not what the configuration says, as a job has found: no move is to be made on
+    /// the strength of it. Absent while none has, and once something else is set up.
+    #[serde(default)]
+    pub contradicted: Option<String>,
     /// The stop's latch.
     pub stop: StopView,
     /// Who may move the axes; absent while nobody has taken the control lease.

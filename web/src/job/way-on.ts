@@ -6,7 +6,7 @@ import type { Bench, Job, JobRequest } from "../daemon/wire";
 
 export interface WayOn {
   /** Whether what the air step did still serves; null where the job has none. */
-  airStep: "holds" | "gone" | null;
+  airStep: "holds" | "doubtful" | "gone" | null;
   /** The best first. */
   ways: { is: "goOn" | "again"; request: JobRequest }[];
 }
@@ -26,5 +26,7 @@ export function wayOn(job: Job, bench: Bench | null): WayOn | null {
   const whole = { is: "again" as const, request: { kind: "joint_alignment" as const, ...more } };
   if (!bench?.air_step_holds) return { airStep: "gone", ways: [whole] };
   const shell = { is: "goOn" as const, request: { kind: "shell_only" as const, ...more } };
+  // What contradicts the picture through the shell may be the air step itself.
+  if (bench.contradicted) return { airStep: "doubtful", ways: [whole, shell] };
   return { airStep: "holds", ways: [shell, whole] };
 }

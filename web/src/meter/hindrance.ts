@@ -9,6 +9,7 @@ export function hindrance(bench: Bench | null, moved: Moved, byMm: number | null
   const words = strings.meter.hindered;
   if (bench?.stop.latched) return words.stopped;
   if (bench?.history_fault) return words.history;
+  if (bench?.contradicted) return words.contradicted;
   const axis = bench?.axes.find(({ axis }) => axis === (moved === "e" ? "e" : "focus"));
   if (!axis) return null;
   // Its homing is refused until it is off the switch.

@@ -59,7 +59,7 @@ impl Alignment<'_> {
         let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
-        let (mut first_look, mut dark, mut led) = (true, 0, None);
+        let (mut first_look, mut dark, mut led) = (true, 0, None::<String>);
         let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
@@ -77,6 +77,7 @@ impl Alignment<'_> {
             let seen = match seen {
                 Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
                     if let Some(named) = led {
+                        self.eye.contradict(&named);
                         return Err(JobEnd::failed(named));
                     }
                     led = Some(self.look_through_shell(&look, plan, why).await?);
@@ -88,6 +89,7 @@ impl Alignment<'_> {
             if std::mem::take(&mut first_look)
                 && let Some(why) = look.contradiction(&seen.spacing)
             {
+                self.eye.contradict(&why);
                 return Err(JobEnd::failed(why));
             }
             if let Some(picture) = &seen.picture {

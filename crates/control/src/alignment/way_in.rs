@@ -145,7 +145,10 @@ impl Alignment<'_> {
                 self.context.log("back where it stood the picture can be measured now: the step goes on");
                 Ok(named)
             }
-            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => Err(JobEnd::failed(named)),
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => {
+                self.eye.contradict(&named);
+                Err(JobEnd::failed(named))
+            }
             Err(end) => Err(end),
         }
     }

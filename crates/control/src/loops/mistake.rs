@@ -21,6 +21,8 @@ const OTHER_RADIUS: [f64; 2] = [-0.42, 4.2];
 const RADIUS_STEPS: u32 = 550;
 /// Distances at which a board may have been forgotten, as shares of the one asked for.
 const OTHER_DISTANCE: [f64; 2] = [0.1, 5.0];
+/// By which share of its distance a board in air may have been put elsewhere than was asked.
+const BOARDS_DISPLACED: f64 = 0.25;
 /// A change of tilt is beyond so many standard uncertainties by what the field's parts scatter by: three levels side by side
 /// scatter more than they are uncertain by, so that four would let a board turned by 14° pass.
 const SCATTER_SIGMAS: f64 = 2.5;
@@ -133,7 +135,25 @@ impl ShellLook<'_> {
             explanations
                 .push(format!("a board {distance:.0} mm from the shell instead of {:.0} mm", design.object_distance));
         }
+        explanations.extend(self.boards_displaced_mm(equivalent).map(|displaced| {
+            let way = if displaced > 0.0 { "further from" } else { "nearer to" };
+            format!("boards that stood {:.0} mm {way} the lens in air than was asked", displaced.abs())
+        }));
         explanations
+    }
+
+    /// By how much further from the lens the boards would have to have stood in air (mm) for the picture to look like an
+    /// object at an equivalent distance (mm): the air step has the camera wrong then by what their image was off. `None` where
+    /// they cannot have.
+    fn boards_displaced_mm(&self, equivalent_mm: f64) -> Option<f64> {
+        let CalibratedCamera { design, lens_to_mla_mm, mla_to_sensor_mm, .. } = *self.camera;
+        let lens = design.main_lens;
+        let image_mm = lens_to_mla_mm + design.mla.signed_resolution() * mla_to_sensor_mm;
+        let foretold = design.shell.equivalent_distance(design.object_distance, self.e_mm);
+        let off_mm = lens.image_distance(foretold) - lens.image_distance(equivalent_mm);
+        let [asked, stood] = [image_mm, image_mm + off_mm].map(|image| lens.object_distance(image));
+        let displaced = stood - asked;
+        (stood > lens.focal_length && displaced.abs() <= BOARDS_DISPLACED * asked).then_some(displaced)
     }
 
     /// The shell with its radii so much larger (mm) and its vertex in its place, and e with it, mm.
@@ -232,6 +252,21 @@ mod tests {
         })
         .unwrap();
         assert!(none.contains("water without the shell"), "{none}");
+    }
+
+    /// An air step by boards that stood elsewhere has d wrong, and all that is seen since.
+    #[test]
+    fn boards_that_stood_elsewhere_in_air_are_named() {
+        let (camera, axis) = (preset(), Config::default().bench.e);
+        let lens = camera.design.main_lens;
+        for (displaced, said) in [(25.0, "25 mm further from the lens"), (-20.0, "20 mm nearer to the lens")] {
+            let asked = camera.design.joint(0.0).equivalent_distance;
+            let off = lens.image_distance(asked + displaced) - lens.image_distance(asked);
+            let there = CalibratedCamera { lens_to_mla_mm: camera.lens_to_mla_mm + off, ..camera };
+            let look = ShellLook { camera: &camera, axis: &axis, e_mm: E_MM, trim_mm: 0.0, trim_bound_mm: 0.0 };
+            let why = look.contradiction(&reading(there.spacing_px(E_MM, 0.0))).unwrap();
+            assert!(why.contains(&format!("boards that stood {said} in air than was asked")), "{why}");
+        }
     }
 
     #[test]

@@ -118,6 +118,8 @@ pub(crate) struct Eye {
     map: watch::Sender<Option<Arc<FieldMap>>>,
     /// The e that is aimed at behind the shell, mm; `None` for the joint solution's.
     aim_mm: Mutex<Option<f64>>,
+    /// That the picture through the shell is not what the configuration says, in words, and since when what was seen then stands there.
+    contradicted: Mutex<Option<(Instant, String)>>,
     /// The exact target that was worked out last, px: of which camera, at which e (mm).
     exact: Mutex<Option<(CalibratedCamera, f64, f64)>>,
 }
@@ -141,6 +143,7 @@ impl Eye {
             measured: watch::Sender::new(None),
             map: watch::Sender::new(None),
             aim_mm: Mutex::new(None),
+            contradicted: Mutex::new(None),
             exact: Mutex::new(None),
         }
     }
@@ -253,6 +256,18 @@ impl Eye {
         self.set_up.send_modify(|set_up| {
             *set_up = SetUp { in_view: view.unwrap_or(set_up.in_view), since: Moment::now() };
         });
+    }
+
+    /// That the picture through the shell is not what the configuration says, in words.
+    pub(crate) fn contradict(&self, why: &str) {
+        let contradicted = (self.set_up_instant(), why.to_owned());
+        *self.contradicted.lock().unwrap_or_else(PoisonError::into_inner) = Some(contradicted);
+    }
+
+    /// Why the picture is not what the configuration says, in words, until something else is set up.
+    pub(crate) fn contradicted(&self) -> Option<String> {
+        let contradicted = self.contradicted.lock().unwrap_or_else(PoisonError::into_inner);
+        contradicted.as_ref().filter(|(set_up, _)| *set_up == self.set_up_instant()).map(|(_, why)| why.clone())
     }
 
     /// Keeps what an air step left, for a job that goes on from it.

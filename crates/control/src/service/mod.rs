@@ -225,6 +225,7 @@ impl Service {
             set_up_at: self.eye.set_up_at(),
             air_step_holds: self.eye.air_step_holds(),
             stop: self.motion.stop_view(),
+            contradicted: self.eye.contradicted(),
             lease: self.leases.view(),
             job: self.current().map(|job| job.snapshot().id),
             e_wall_mm: self.motion.e_wall_reading_mm(),

@@ -143,6 +143,8 @@ export const meter: typeof en.meter = {
   hindered: {
     stopped: "Nichts lässt sich verfahren: Der Prüfstand ist angehalten",
     history: "Nichts lässt sich verfahren: Was geschieht, lässt sich nicht aufzeichnen",
+    contradicted:
+      "Nach diesem Bild nichts verfahren: Es passt nicht zur Konfiguration, wie ein Auftrag ergeben hat",
     out: {
       e: "Die e-Achse lässt sich zurzeit nicht verfahren",
       delta_v: "Die Fokusachse lässt sich zurzeit nicht verfahren",

@@ -6,6 +6,8 @@ export const wayOn: typeof en.wayOn = {
   title: "Wie es weitergeht",
   airStep: {
     holds: "Der Schritt in Luft gilt noch: Der Schritt mit Kugelschale kann daran anschließen.",
+    doubtful:
+      "Der Schritt in Luft gilt noch, wenn seine Tafeln dort standen, wo sie stehen sollten. Stimmen Kugelschale, Wasser und Tafel, dann in Luft neu beginnen.",
     gone: "Kein Schritt in Luft gilt mehr: Zuerst ist Δv in Luft einzustellen.",
   },
   look: "Den Prüfstand ansehen: Die Achsen stehen irgendwo, und nichts geht von selbst weiter.",

@@ -153,6 +153,7 @@ export const meter = {
   hindered: {
     stopped: "Nothing can be moved: the bench is stopped",
     history: "Nothing can be moved: what is done cannot be written down",
+    contradicted: "Move nothing by this: the picture is not what the configuration says, as a job has found",
     out: {
       e: "The e axis cannot be moved now",
       delta_v: "The focus axis cannot be moved now",

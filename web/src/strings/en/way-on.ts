@@ -3,6 +3,8 @@ export const wayOn = {
   title: "To go on",
   airStep: {
     holds: "The air step still holds: the shell step can go on from it.",
+    doubtful:
+      "The air step still holds if its boards stood where they were asked for. If shell, water and board are right, begin again in air.",
     gone: "No air step holds: Δv has to be set in air first.",
   },
   look: "Look at the bench: the axes stand wherever they were, and nothing goes on by itself.",
