@@ -190,6 +190,32 @@ async fn another_board_is_lost_at_once_and_found_again() {
 }
 
 #[tokio::test]
+async fn an_old_picture_given_again_is_measured_in_whole_no_more() {
+    let service = ready().await;
+    let (_onlooker, mut readings) = (service.look_on(), service.readings());
+    let began = jiff::Timestamp::now();
+    let whole = || service.measurement().filter(|measured| measured.captured_at > began);
+    while whole().is_none() {
+        next(&mut readings).await;
+    }
+    let mut faults = Faults::default();
+    faults.camera.frozen = true;
+    set(&service, faults);
+    let frozen = loop {
+        let reading = next(&mut readings).await;
+        if reading.spacing.is_err() {
+            break reading.frame.captured_at;
+        }
+    };
+    // Several times as many as there are from one whole measurement to the next.
+    for _ in 0..300 {
+        next(&mut readings).await;
+    }
+    assert!(whole().unwrap().captured_at <= frozen, "{:?}", whole());
+    assert!(service.recent().clarities.iter().all(|then| then.at <= frozen), "an old picture's clarity is charted");
+}
+
+#[tokio::test]
 async fn frames_that_cannot_be_measured_are_refused_with_the_reason() {
     let service = ready().await;
     let mut readings = service.readings();

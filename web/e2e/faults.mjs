@@ -109,11 +109,15 @@ try {
   await state.filter({ hasText: "wrong on purpose" }).waitFor();
   await open(page, "Live");
   await page.locator(".picture[data-same=true] .over", { hasText: /THE SAME PICTURE · \d+ times/ }).waitFor();
+  await page.locator("#camera-frozen", { hasText: "unplug the camera" }).waitFor();
+  await page.locator(".histogram[data-old=true] .tag.old").waitFor();
   await photograph(page, "frozen");
   await open(page, "Settings");
   await panel.locator("#faults-none").click();
   await open(page, "Live");
   await page.locator(".picture[data-same=false][data-state=fresh]").waitFor({ timeout: 20_000 });
+  await page.locator("#camera-frozen").waitFor({ state: "detached" });
+  await page.locator(".histogram[data-old=false]").waitFor();
 
   step("once there is a white frame, the meter shows what is read in every frame");
   await open(page, "Alignment");

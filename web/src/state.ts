@@ -246,6 +246,14 @@ export function pictureState(state: State, now: number): PictureState {
   return state.link === "open" && age <= state.pictureOldMs ? "fresh" : "stale";
 }
 
+/** So many pictures in a row that are the same are no chance. */
+const SAME = 3;
+
+/** Whether the camera gives the same picture again and again, as far as is seen. */
+export function isFrozen(state: State, now: number): boolean {
+  return pictureState(state, now) === "fresh" && state.picture !== null && state.picture.alike >= SAME;
+}
+
 const FINAL: JobState[] = ["converged", "succeeded", "not_converged", "cancelled", "failed", "interrupted"];
 
 export function isFinal(state: JobState): boolean {

@@ -2,8 +2,9 @@ import { sentence } from "../words/format";
 import { strings } from "../strings";
 import type { Bench } from "../daemon/wire";
 
-/** That the camera or a stage is gone, on every page: what is done there rests on them. */
-export function Absences({ bench }: { bench: Bench }) {
+/** That the camera or a stage is gone, on every page: what is done there rests on them. That the camera gives an old picture
+ *  again is seen where its pictures are. */
+export function Absences({ bench, frozen }: { bench: Bench; frozen: boolean }) {
   const gone = bench.axes.filter((axis) => !axis.connected);
   const faults = [...new Set(gone.flatMap((axis) => axis.fault ?? []))];
   const { camera } = bench;
@@ -14,6 +15,13 @@ export function Absences({ bench }: { bench: Bench }) {
           <p>
             <b>{strings.cameraGone}.</b>{" "}
             {camera.fault ? <span lang="en">{sentence(camera.fault)}</span> : strings.cameraGoneMore}
+          </p>
+        </div>
+      )}
+      {camera.online && frozen && (
+        <div class="problem" role="alert" id="camera-frozen">
+          <p>
+            <b>{strings.cameraFrozen}.</b> {strings.cameraFrozenMore}
           </p>
         </div>
       )}

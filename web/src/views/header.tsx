@@ -1,6 +1,7 @@
 import { eyepiece } from "../picture/eyepiece";
 import { sentence, wait } from "../words/format";
 import { addressOf, PAGES } from "../browser/route";
+import { isFrozen } from "../state";
 import { strings } from "../strings";
 import { Absences } from "./absences";
 import { ControlGone, Lease } from "./bench/lease";
@@ -74,7 +75,7 @@ export function Header({ leave, ...given }: Given & { leave: () => void }) {
       )}
       {!alone && <Call state={state} />}
       {state.controlLost && <ControlGone {...given} lost={state.controlLost} />}
-      {bench && state.link === "open" && <Absences bench={bench} />}
+      {bench && state.link === "open" && <Absences bench={bench} frozen={isFrozen(state, given.now)} />}
       {bench?.history_fault && (
         <div class="problem" role="alert" id="history-fault">
           <p>

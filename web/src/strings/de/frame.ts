@@ -26,6 +26,8 @@ export const frame: typeof en.frame = {
   retryNow: "Jetzt versuchen",
   cameraGone: "Die Kamera ist weg",
   cameraGoneMore: "Sie sendet nichts.",
+  cameraFrozen: "Die Kamera liefert ein altes Bild noch einmal",
+  cameraFrozenMore: "Was zu sehen ist, ist nicht von jetzt: Stecken Sie sie ab und wieder an.",
   stageGone: (axes) => `Nicht verbunden: ${axes.join(", ")}`,
   stageGoneMore: "Nichts lässt sich verfahren.",
   noAnswer: "Der Dienst antwortet nicht",

@@ -32,6 +32,8 @@ export const frame = {
   retryNow: "Try now",
   cameraGone: "The camera is gone",
   cameraGoneMore: "It sends nothing.",
+  cameraFrozen: "The camera gives an old picture again",
+  cameraFrozenMore: "What is seen is not of now: unplug the camera and plug it in again.",
   stageGone: (axes: string[]) => `Not connected: ${axes.join(", ").toLowerCase()}`,
   stageGoneMore: "Nothing can be moved.",
   noAnswer: "The daemon does not answer",

@@ -2,6 +2,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../daemon/api";
 import { fixed } from "../../words/format";
 import { drawn } from "../../picture/histogram";
+import { isFrozen } from "../../state";
 import { strings } from "../../strings";
 import type { Histogram } from "../../daemon/wire";
 import type { Given } from "../given";
@@ -45,13 +46,20 @@ function useHistogram(online: boolean) {
 }
 
 /** The grey levels of the newest frame, what is clipped in red. */
-export function HistogramView({ state }: Given) {
+export function HistogramView({ state, now }: Given) {
   const online = state.link === "open" && state.bench?.camera.online === true;
   const { seen, histogram } = useHistogram(online);
   const words = strings.camera;
   const clipped = histogram?.overexposed === true;
+  const old = isFrozen(state, now);
   return (
-    <figure ref={seen} class="histogram" data-clipped={clipped} data-seq={histogram?.frame_seq}>
+    <figure
+      ref={seen}
+      class="histogram"
+      data-clipped={clipped}
+      data-old={old}
+      data-seq={histogram?.frame_seq}
+    >
       {histogram ? (
         <Steps histogram={histogram} />
       ) : (
@@ -59,6 +67,7 @@ export function HistogramView({ state }: Given) {
       )}
       <figcaption class="facts">
         <span title={words.histogramMore}>{words.histogram}</span>
+        {old && <span class="tag old">{strings.measuring.old}</span>}
         {histogram && (
           <>
             <span>{words.bits(histogram.bits)}</span>

@@ -4,7 +4,7 @@ import { lengthOf, type Region, type Ruler, type Tool } from "../../picture/mark
 import { digits } from "../../meter/scale";
 import { ofSeveral } from "../../meter/reading";
 import { isOfAnotherPlace } from "../../picture/region";
-import { isMeterOld, pictureState } from "../../state";
+import { isFrozen, isMeterOld, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { Toggle } from "../toggle";
@@ -59,7 +59,7 @@ function RegionSays({ region, state, now }: Pick<Given, "state" | "now"> & { reg
   const several = ofSeveral(reading);
   const elsewhere = spacing !== null && isOfAnotherPlace(spacing.frameSeq, state.measurement, reading);
   const spacingOld = missing !== null || isMeterOld(state, now) || reading?.settled === false || elsewhere;
-  const greyOld = pictureState(state, now) !== "fresh";
+  const greyOld = pictureState(state, now) !== "fresh" || isFrozen(state, now);
   return (
     <p class="facts measured" id="region">
       <b>{words.region(region.width, region.height, region.x, region.y)}</b>

@@ -1,6 +1,7 @@
 import { useEffect, useMemo, useState } from "preact/hooks";
 import { isFocusLost } from "../../browser/focus";
 import { fullScreen } from "../../picture/full-screen";
+import { isFrozen } from "../../state";
 import { Bench } from "../bench/control";
 import { JobStrip } from "../job/strip";
 import type { Given } from "../given";
@@ -19,7 +20,8 @@ export function LivePage(given: Given) {
   const { reading, readingAt, missing, missingAt, framesLeftOut, best, spacings, clarities, ...rest } = more;
   const [large, enlarge] = useLarge();
   const beat = Math.round(now / CLOCK_MS);
-  const about = [...Object.values(rest), beat, picture?.widthPx];
+  const frozen = isFrozen(state, now);
+  const about = [...Object.values(rest), beat, picture?.widthPx, frozen];
   const strip = useMemo(() => <JobStrip {...given} />, about);
   const meter = useMemo(() => <Meter {...given} />, about);
   const bench = useMemo(() => <Bench {...given} />, about);

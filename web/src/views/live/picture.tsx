@@ -4,7 +4,7 @@ import { eyepiece, type Probe } from "../../picture/eyepiece";
 import { ofSeveral } from "../../meter/reading";
 import { knowsMotion } from "../../meter/set-up";
 import { overlaysOn } from "../../picture/show";
-import { pictureAge, pictureState } from "../../state";
+import { isFrozen, pictureAge, pictureState } from "../../state";
 import { strings } from "../../strings";
 import type { Given } from "../given";
 import { depthEnds } from "./depth-ends";
@@ -12,9 +12,6 @@ import { useGestures } from "./gestures";
 import { Keeping } from "./keeping";
 import { Measured, Measuring } from "./measuring";
 import { Overlays } from "./overlays";
-
-/** So many in a row are no chance. */
-const SAME = 3;
 
 interface Props extends Given {
   /** Whether it is alone on the page. */
@@ -28,7 +25,7 @@ export function LivePicture(given: Props) {
   const shown = pictureState(state, now);
   const ageMs = pictureAge(state, now);
   const facts = state.picture;
-  const same = shown === "fresh" && facts !== null && facts.alike >= SAME;
+  const same = isFrozen(state, now);
   const camera = state.bench?.camera;
   return (
     <section
@@ -53,7 +50,7 @@ export function LivePicture(given: Props) {
           {facts?.replayed && <span class="stamp">{strings.replay}</span>}
         </span>
         {shown === "none" && <p class="over">{strings.picture.none}</p>}
-        {same && <p class="over">{strings.picture.same(facts.alike)}</p>}
+        {same && facts && <p class="over">{strings.picture.same(facts.alike)}</p>}
         {shown === "stale" && ageMs !== null && <p class="over">{strings.picture.stale(span(ageMs))}</p>}
       </div>
       <Measured {...given} />
@@ -63,7 +60,7 @@ export function LivePicture(given: Props) {
         <Keeping {...given} />
       </div>
       <p class="facts">
-        {facts && ageMs !== null && (
+        {facts && ageMs !== null && !same && (
           <span>
             {(facts.replayed ? strings.picture.played : strings.picture.frame)(facts.seq, age(ageMs))}
           </span>

@@ -218,13 +218,16 @@ impl Eye {
         }
     }
 
-    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured. The error is why it cannot
-    /// be, and whether nothing but motion is to blame.
-    pub(crate) async fn measure_live(&self) -> Option<Result<MeasurementView, Unmeasured>> {
+    /// Measures the newest live frame, coarse as it may be; `None` where there is nothing to be measured, or the camera gives an
+    /// old picture again. The error is why it cannot be, and whether nothing but motion is to blame.
+    pub(crate) async fn measure_live(self: &Arc<Self>) -> Option<Result<MeasurementView, Unmeasured>> {
         self.sight()?;
         let mut live = self.bench.camera.live();
         let frame =
             tokio::time::timeout(Duration::from_secs(2), live.wait_for(Option::is_some)).await.ok()?.ok()?.clone()?;
+        if !frame.replayed && self.first_alike(&frame).await != frame.seq {
+            return None;
+        }
         let at_rest = frame.is_settled();
         Some(self.measured_whole(&frame).await.map_err(|unseen| Unmeasured {
             by_motion: !at_rest || matches!(unseen, Unseen::Smeared(_)),
