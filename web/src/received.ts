@@ -1,7 +1,7 @@
 // How the daemon's messages change the page's one state. Pure.
 
 import { clockAfter, monotonicOf, type Clock } from "./daemon/clock";
-import { bestWith, frameReading, missing, reading, type Reading } from "./meter/reading";
+import { bestWith, frameReading, isOfSeveral, missing, reading, type Reading } from "./meter/reading";
 import { sceneOf, setUpAt, type Scene } from "./meter/set-up";
 import { placeOf } from "./bench/travel";
 import {
@@ -147,12 +147,15 @@ function withReading(state: State, newest: Reading, sentAt: number) {
     missing: null,
     missingAt: null,
     best: bestWith(state.best, newest),
-    spacings: follow(
-      state.spacings,
-      pageTime(state, newest, sentAt) / 1000,
-      { ...single, targetPx },
-      spacingWeight,
-    ),
+    // What is of several levels or boards is none of their spacings.
+    spacings: isOfSeveral(newest)
+      ? state.spacings
+      : follow(
+          state.spacings,
+          pageTime(state, newest, sentAt) / 1000,
+          { ...single, targetPx },
+          spacingWeight,
+        ),
   };
 }
 

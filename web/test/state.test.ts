@@ -269,7 +269,7 @@ describe("what the meter reads, frame by frame", () => {
     expect(found).toMatchObject({ missing: null, reading: { spacingPx: 19.7 } });
   });
 
-  it("leaves no best to begin with anew where it is lost, or of two boards", () => {
+  it("leaves no best to begin with anew where it is lost or of two boards, of which none is charted", () => {
     const state = receiveReading(open(), frameReading(19.73, 3000), 3050);
     expect(bestAnew(state)).toMatchObject({ targetPx: state.reading?.targetPx });
     expect(bestAnew(receiveReading(state, lostReading("gone", 3100), 3150))).toBeNull();
@@ -279,9 +279,11 @@ describe("what the meter reads, frame by frame", () => {
       captured_at: new Date(3000).toISOString(),
       two_boards: twoBoards,
     };
-    expect(
-      bestAnew(receiveReading({ ...state, measurement: measured }, frameReading(19.73, 3100), 3150)),
-    ).toBeNull();
+    const two = receiveReading({ ...state, measurement: measured }, frameReading(19.73, 3100), 3150);
+    expect(bestAnew(two)).toBeNull();
+    expect(two.spacings).toBe(state.spacings);
+    const levels = { ...state, bench: { ...bench, in_view: "stepped_board" as const } };
+    expect(receiveReading(levels, frameReading(19.73, 3100), 3150).spacings).toBe(state.spacings);
   });
 
   it("is old after a second without it, and at once where a frame cannot be measured, or none comes", () => {

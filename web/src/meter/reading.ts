@@ -148,6 +148,11 @@ export function isOfOne({ direction }: Pick<Reading, "direction">): boolean {
   return !["two_boards", "doubted", "levels", "elsewhere", "unasked", "unsaid"].includes(direction);
 }
 
+/** Whether a reading is of several levels or boards at once. */
+export function isOfSeveral({ direction, twoBoards }: Pick<Reading, "direction" | "twoBoards">): boolean {
+  return direction === "levels" || twoBoards !== null;
+}
+
 /** Whether a reading is called in focus: within the blur limit, and where nothing is to be moved. */
 export function isCalledInFocus({ direction, inFocus }: Pick<Reading, "direction" | "inFocus">): boolean {
   return inFocus && direction === "there";

@@ -6,7 +6,7 @@ use tokio::sync::{broadcast, watch};
 
 use super::Service;
 use crate::ServiceError;
-use crate::events::SingleMeasurement;
+use crate::events::{InView, SingleMeasurement};
 use crate::measuring::measurement::MeasurementRequest;
 use crate::reading::Reading;
 use bench::device::Frame;
@@ -40,9 +40,19 @@ impl Service {
         self.readings.each()
     }
 
+    /// Whether a board of several levels stands before the lens: the spacing of the whole field is none of theirs.
+    pub(super) fn sees_levels(&self) -> bool {
+        self.eye.in_view() == InView::SteppedBoard
+    }
+
     /// Reads every frame while somebody reads the meter.
     pub(super) async fn watch_meter(&self) {
-        self.readings.watch(&self.eye, |reading| self.recent.reading(reading)).await;
+        let keep = |reading: &Reading| {
+            if !self.sees_levels() {
+                self.recent.reading(reading);
+            }
+        };
+        self.readings.watch(&self.eye, keep).await;
     }
 
     /// The first of the frames in a row, up to this one, that have its very picture, by its sequence number: the frame itself

@@ -64,7 +64,8 @@ pub struct RecentView {
     pub now: Timestamp,
     /// Whenever the bench's state changed: between two, the axes stood where the former says, or moved to the latter.
     pub positions: Vec<PositionsThen>,
-    /// In every frame read, at most four a second; where none was read, in those measured in whole.
+    /// In every frame read, at most four a second; where none was read, in those measured in whole. Of several
+    /// levels, or two boards, there are none.
     pub spacings: Vec<SpacingThen>,
     /// In every frame measured in whole.
     pub clarities: Vec<ClarityThen>,
@@ -151,7 +152,7 @@ impl Recent {
         self.change(|kept| follow(&mut kept.spacings, newest));
     }
 
-    pub(super) fn measurement(&self, measurement: &MeasurementView) {
+    pub(super) fn measurement(&self, measurement: &MeasurementView, of_levels: bool) {
         let (at, eog) = (measurement.captured_at, measurement.eog);
         let spacing = SpacingThen {
             at,
@@ -161,7 +162,8 @@ impl Recent {
         };
         self.change(|kept| {
             follow(&mut kept.clarities, ClarityThen { at, eog });
-            if kept.spacings.back().is_none_or(|newest| after(at, newest.at) > UNREAD) {
+            let of_several = of_levels || measurement.two_boards.is_some();
+            if !of_several && kept.spacings.back().is_none_or(|newest| after(at, newest.at) > UNREAD) {
                 follow(&mut kept.spacings, spacing);
             }
         });

@@ -10,7 +10,7 @@ use tokio::time::Instant;
 
 use super::Service;
 use crate::ServiceError;
-use crate::events::{Event, InView, MeasurementView};
+use crate::events::{Event, MeasurementView};
 use crate::job::JobState;
 use bench::access::PROGRAM;
 use bench::store::records::Audit;
@@ -175,7 +175,7 @@ impl Service {
     }
 
     pub(super) fn publish_measurement(&self, measurement: MeasurementView) {
-        self.recent.measurement(&measurement);
+        self.recent.measurement(&measurement, self.sees_levels());
         *self.measurement.lock().unwrap_or_else(PoisonError::into_inner) = Some(measurement.clone());
         let _ = self.events.send(Event::Measurement { measurement: Box::new(measurement) });
     }
@@ -228,7 +228,7 @@ impl Service {
                     let newest = measured.borrow_and_update().clone();
                     if let Some(measurement) = newest {
                         // Of a stepped board it is of one level, and no reading's.
-                        if self.eye.in_view() != InView::SteppedBoard {
+                        if !self.sees_levels() {
                             self.readings.compare(&measurement);
                         }
                         self.publish_measurement(measurement);
