@@ -34,6 +34,7 @@ export function Turn(given: Given & { job: Job }) {
   const box = useRef<HTMLDivElement>(null);
   const done = useRef<HTMLButtonElement>(null);
   useEffect(() => keepFocus(box.current, done.current), [step?.number, confirmable, leaving]);
+  useDisproved(given, missing.join());
   const confirm = async () => {
     if (!ready || !step) return;
     send(step.number);
@@ -202,4 +203,11 @@ function GiveKey({ state, act, update, job }: Given & { job: Job }) {
       )}
     </>
   );
+}
+
+/** An old picture is not why a prompt takes no answer any more, once something else is. */
+function useDisproved({ state, update }: Given, others: string): void {
+  useEffect(() => {
+    if (state.problem?.type.endsWith("old-picture")) update({ problem: null });
+  }, [others]);
 }
