@@ -571,9 +571,8 @@ async function handOver(page) {
   await accessible(other);
   await other.locator("#confirm-key").fill(`confirm_${"0".repeat(64)}`);
   await other.locator(".give-key button").click();
-  await other.locator("#confirm").click();
-  await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
-  await other.locator(".give-key").waitFor();
+  await other.locator(".turn .fault", { hasText: "confirms nothing" }).waitFor();
+  assert.equal(await other.locator("#confirm").count(), 0, "a key that is none is taken for one");
 
   step("whoever may make another key confirms from where they are, and that once the question is answered");
   await other.locator("#confirm-here").dblclick();
@@ -586,6 +585,10 @@ async function handOver(page) {
   await page.locator(".operator h3", { hasText: heading }).waitFor({ state: "detached", timeout: 15_000 });
   const second = await page.locator(".operator h3").textContent({ timeout: 60_000 });
   await other.locator("#confirm").waitFor();
+  await page.locator(".hand-on summary").click();
+  await page.locator(".hand-on .fault", { hasText: "Another key has been made" }).waitFor();
+  assert.equal(await page.locator("#confirm-link").count(), 0, "a link that is dead is handed on");
+  await page.locator(".hand-on summary").click();
 
   step("where the prompt is not in sight the page says whose turn it is, and leads to it");
   await page.evaluate(() => (location.hash = "#/design"));
@@ -598,9 +601,8 @@ async function handOver(page) {
   await photograph(page, "hand-on");
   // The key that the link had is dead since another was made.
   await page.locator("#renew-key").click();
-  await other.locator("#confirm").click();
-  await other.locator("header .problem", { hasText: "The key confirms nothing of this job" }).waitFor();
-  await other.locator(".give-key").waitFor();
+  await other.locator(".turn .fault", { hasText: "confirms nothing" }).waitFor();
+  assert.equal(await other.locator("#confirm").count(), 0, "what a dead key confirms is asked for");
   const link = await page.locator("#confirm-link").inputValue();
   const asked = [];
   other.on("request", (request) => asked.push(request.url()));

@@ -281,6 +281,10 @@ pub struct BenchView {
     /// The job under way, by its id.
     #[schema(value_type = Option<String>, format = Uuid)]
     pub job: Option<uuid::Uuid>,
+    /// How the newest confirm key of the job under way begins: one that begins otherwise confirms nothing any more. Absent
+    /// while there is none.
+    #[serde(default)]
+    pub confirm_key_begins: Option<String>,
     /// The e wall, mm of the e axis's reading. With the shell on, or not known to be off, it is where three standard uncertainties
     /// of the axis's zero and scale are left between the lens and the shell: by the configuration, or as a shell step has told
     /// them.

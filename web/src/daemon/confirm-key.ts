@@ -3,6 +3,7 @@
 // one at a time.
 
 import { addressOf } from "../browser/route";
+import type { Bench } from "./wire";
 
 const KEPT = "plenalign.confirm";
 const KEY = /confirm_[0-9a-f]{64}/;
@@ -32,6 +33,12 @@ export function isBrokenLink(hash: string): boolean {
 /** The key in what somebody has typed or pasted: the key itself, or the link with it. */
 export function keyWithin(text: string): string | null {
   return KEY.exec(text)?.[0] ?? null;
+}
+
+/** Whether a job's key confirms nothing any more, as another has been made since. */
+export function isDead({ job, key }: ConfirmKey, bench: Bench | null): boolean {
+  const begins = bench?.job === job ? bench.confirm_key_begins : null;
+  return typeof begins === "string" && !key.startsWith(begins);
 }
 
 export class ConfirmKeys {

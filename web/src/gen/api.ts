@@ -1263,6 +1263,16 @@ export interface components {
       axes: components["schemas"]["AxisView"][];
       /** @description The camera. */
       camera: components["schemas"]["CameraView"];
+      /**
+       * @description How the newest confirm key of the job under way begins: one that begins otherwise confirms nothing any more. Absent
+       *     while there is none.
+       */
+      confirm_key_begins?: string | null;
+      /**
+       * @description Why the picture through the shell is not what the configuration says, as a job has found: no move is to be made on
+       *     the strength of it. Absent while none has, and once something else is set up.
+       */
+      contradicted?: string | null;
       /** @description Where the design's numbers come from. */
       design_origin: string;
       /** @description Whether it is so far from where it is configured because no shell step has told the axis's zero and scale. */
@@ -5147,7 +5157,10 @@ export interface components {
       now: string;
       /** @description Whenever the bench's state changed: between two, the axes stood where the former says, or moved to the latter. */
       positions: components["schemas"]["PositionsThen"][];
-      /** @description In every frame read, at most four a second; where none was read, in those measured in whole. */
+      /**
+       * @description In every frame read, at most four a second; where none was read, in those measured in whole. Of several
+       *     levels, or two boards, there are none.
+       */
       spacings: components["schemas"]["SpacingThen"][];
     };
     /** @description A job's recording. */

@@ -128,6 +128,14 @@ class BenchView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Focus axis and e axis."""
     camera: CameraView
     """The camera."""
+    confirm_key_begins: str | None = None
+    """How the newest confirm key of the job under way begins: one that begins otherwise confirms nothing any more.
+    Absent while there is none.
+    """
+    contradicted: str | None = None
+    """Why the picture through the shell is not what the configuration says, as a job has found: no move is to be
+    made on the strength of it. Absent while none has, and once something else is set up.
+    """
     design_origin: str
     """Where the design's numbers come from."""
     e_untold: bool
@@ -1764,7 +1772,9 @@ class RecentView(Struct, frozen=True, kw_only=True, omit_defaults=True):
     latter.
     """
     spacings: list[SpacingThen]
-    """In every frame read, at most four a second; where none was read, in those measured in whole."""
+    """In every frame read, at most four a second; where none was read, in those measured in whole. Of several
+    levels, or two boards, there are none.
+    """
 
 
 class Recording(Struct, frozen=True, kw_only=True, omit_defaults=True):

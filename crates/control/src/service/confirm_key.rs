@@ -14,6 +14,8 @@ use bench::access::{Digest, Secret};
 
 /// What a confirm key begins with.
 const PREFIX: &str = "confirm_";
+/// So many characters of a key are shown to everybody; those that are left are as good as all.
+const BEGINS: usize = PREFIX.len() + 4;
 /// How long a new picture is waited for: of a camera that is slower the job finds out what it gives.
 const PATIENCE: Duration = Duration::from_secs(2);
 
@@ -26,24 +28,39 @@ pub struct Shown<'a> {
     pub confirm: Option<&'a str>,
 }
 
-/// The confirm key of the newest job, of which its hash is kept and nothing else. A bench does one job at a time, and a
-/// job that has ended waits for nothing: its key opens nothing from then on.
+/// The confirm key of the newest job, of which its hash and its beginning are kept and nothing else. A bench does one job at
+/// a time, and a job that has ended waits for nothing: its key opens nothing from then on.
 #[derive(Debug, Default)]
 pub(super) struct ConfirmKeys {
-    newest: Mutex<Option<(Uuid, Digest)>>,
+    newest: Mutex<Option<Newest>>,
+}
+
+#[derive(Debug)]
+struct Newest {
+    job: Uuid,
+    digest: Digest,
+    begins: String,
 }
 
 impl ConfirmKeys {
     /// Makes a job's key, in the place of one made before.
     fn make(&self, job: Uuid) -> std::io::Result<Secret> {
         let key = Secret::random(PREFIX)?;
-        *self.newest.lock().unwrap_or_else(PoisonError::into_inner) = Some((job, key.digest()));
+        let begins = key.reveal().chars().take(BEGINS).collect();
+        *self.newest.lock().unwrap_or_else(PoisonError::into_inner) =
+            Some(Newest { job, digest: key.digest(), begins });
         Ok(key)
     }
 
     fn opens(&self, job: Uuid, key: &str) -> bool {
         let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
-        newest.as_ref().is_some_and(|(of, digest)| *of == job && digest.matches(&Digest::of(key)))
+        newest.as_ref().is_some_and(|newest| newest.job == job && newest.digest.matches(&Digest::of(key)))
+    }
+
+    /// How a job's key begins.
+    pub(super) fn begins(&self, job: Uuid) -> Option<String> {
+        let newest = self.newest.lock().unwrap_or_else(PoisonError::into_inner);
+        newest.as_ref().filter(|newest| newest.job == job).map(|newest| newest.begins.clone())
     }
 }
 
@@ -58,7 +75,9 @@ impl Service {
             let why = "it has ended, and asks nothing any more".to_owned();
             return Err(Refusal::JobState { state: job.state, why }.into());
         }
-        Ok(self.confirm_keys.make(id).map_err(|error| Refusal::NoConfirmKey { why: error.to_string() })?)
+        let key = self.confirm_keys.make(id).map_err(|error| Refusal::NoConfirmKey { why: error.to_string() })?;
+        self.publish_bench();
+        Ok(key)
     }
 
     /// Whether a key is that of the lease that a job has.
@@ -142,7 +161,10 @@ mod tests {
         assert!(first.reveal().starts_with(PREFIX) && first.reveal().len() == PREFIX.len() + 64);
         assert!(keys.opens(one, first.reveal()) && !keys.opens(two, first.reveal()));
         assert!(!format!("{keys:?} {first:?}").contains(&first.reveal()[PREFIX.len()..]));
+        assert_eq!(keys.begins(one).unwrap(), first.reveal()[..PREFIX.len() + 4]);
+        assert_eq!(keys.begins(two), None);
         let second = keys.make(one).unwrap();
+        assert!(second.reveal().starts_with(&keys.begins(one).unwrap()));
         assert!(!keys.opens(one, first.reveal()) && keys.opens(one, second.reveal()));
         for wrong in ["", PREFIX, &second.reveal()[PREFIX.len()..], &second.reveal().to_uppercase()] {
             assert!(!keys.opens(one, wrong), "{wrong}");

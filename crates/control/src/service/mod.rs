@@ -200,6 +200,7 @@ impl Service {
     /// The state of the whole bench.
     #[must_use]
     pub fn bench_view(&self) -> BenchView {
+        let job = self.current().map(|job| job.snapshot().id);
         let axes = AxisName::ALL.into_iter().map(|axis| self.axis_view(axis)).collect();
         let camera = self.bench.camera.state().borrow().clone();
         let frame = self.bench.camera.newest();
@@ -224,10 +225,11 @@ impl Service {
             in_view: self.eye.in_view(),
             set_up_at: self.eye.set_up_at(),
             air_step_holds: self.eye.air_step_holds(),
-            stop: self.motion.stop_view(),
             contradicted: self.eye.contradicted(),
+            stop: self.motion.stop_view(),
             lease: self.leases.view(),
-            job: self.current().map(|job| job.snapshot().id),
+            job,
+            confirm_key_begins: job.and_then(|job| self.confirm_keys.begins(job)),
             e_wall_mm: self.motion.e_wall_reading_mm(),
             e_untold: self.motion.is_e_untold(),
             history_fault: self.journal.fault(),

@@ -133,7 +133,10 @@ export const job: typeof en.job = {
       "Sein Schlüssel ist abgeschnitten oder vertippt und bestätigt nichts: Öffnen Sie ihn noch einmal so, wie er geschickt wurde.",
   },
   noKey: (owner) =>
-    `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer dessen Bestätigungsschlüssel bekommen hat.`,
+    `Das bestätigt nur ${owner || "wer den Auftrag gestartet hat"}, oder wer den Bestätigungsschlüssel des Auftrags bekommen hat.`,
+  keyDead:
+    "Der Schlüssel dieses Fensters bestätigt nichts oder nichts mehr: Bitten Sie um den neuesten Link.",
+  linkDead: "Anderswo wurde ein anderer Schlüssel erzeugt: Der Link von hier gilt nicht mehr.",
   here: "Von hier aus bestätigen",
   hereMore: "Das Fenster, aus dem er gestartet wurde, gibt es nicht mehr?",
   hereSure:

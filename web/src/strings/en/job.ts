@@ -132,6 +132,8 @@ export const job = {
   },
   noKey: (owner: string) =>
     `Only ${owner || "the person who started the job"} confirms this, or who has been handed the job's confirm key.`,
+  keyDead: "This window’s key confirms nothing, or no longer does: ask for the newest link.",
+  linkDead: "Another key has been made elsewhere: the link from here is dead.",
   here: "Confirm from here",
   hereMore: "Is the window that started it gone?",
   hereSure:

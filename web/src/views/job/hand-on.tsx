@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 import * as api from "../../daemon/api";
-import { linkWith } from "../../daemon/confirm-key";
+import { isDead, linkWith } from "../../daemon/confirm-key";
 import { may } from "../../state";
 import { strings } from "../../strings";
 import type { Job } from "../../daemon/wire";
@@ -13,6 +13,7 @@ export function HandOn({ state, act, job }: Given & { job: Job }) {
   const mine = api.lease.hasJob(state.bench?.lease ?? null, job.id);
   const mayRenew = may(state, "admin") || (mine && may(state, "control"));
   if (key === null && !mayRenew) return null;
+  const dead = key !== null && isDead({ job: job.id, key }, state.bench);
   const renew = async () => {
     if (await act(api.renewConfirmKey(job))) renewed((times) => times + 1);
   };
@@ -20,7 +21,8 @@ export function HandOn({ state, act, job }: Given & { job: Job }) {
     <details class="hand-on">
       <summary>{strings.job.handOn}</summary>
       <p class="quiet">{strings.job.handOnMore}</p>
-      {key !== null && (
+      {dead && <p class="fault">{strings.job.linkDead}</p>}
+      {key !== null && !dead && (
         <label>
           {strings.job.link}{" "}
           <input

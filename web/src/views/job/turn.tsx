@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import * as api from "../../daemon/api";
 import { absent } from "../../job/barred";
-import { keyWithin } from "../../daemon/confirm-key";
+import { isDead, keyWithin } from "../../daemon/confirm-key";
 import { able, may, type State } from "../../state";
 import { called } from "../../words/names";
 import { strings } from "../../strings";
@@ -141,7 +141,9 @@ function keepFocus(box: HTMLElement | null, done: HTMLElement | null): void {
 /** Whether this tab holds the lease that the job has, or the job's confirm key. */
 export function mayConfirm(state: State, job: Job): boolean {
   if (!may(state, "control")) return false;
-  return api.confirmKeys.of(job.id) !== null || api.lease.hasJob(state.bench?.lease ?? null, job.id);
+  const key = api.confirmKeys.of(job.id);
+  if (key !== null && !isDead({ job: job.id, key }, state.bench)) return true;
+  return api.lease.hasJob(state.bench?.lease ?? null, job.id);
 }
 
 /** Why nothing can be confirmed here, a place for the key, and another one for whoever may make it. */
@@ -164,6 +166,7 @@ function GiveKey({ state, act, update, job }: Given & { job: Job }) {
   };
   return (
     <>
+      {api.confirmKeys.of(job.id) !== null && <p class="fault">{strings.job.keyDead}</p>}
       <form class="give-key" onSubmit={submit}>
         <p>{strings.job.noKey(called(job.owner ?? ""))}</p>
         <label>
