@@ -539,6 +539,11 @@ try {
   await open(ana.page, "Settings");
   await tokens.getByRole("button", { name: "Revoke the token of Ana" }).click();
   await tokens.locator(".ask", { hasText: /you lock yourself out.*everybody is locked out/ }).waitFor();
+  // The list of tokens is asked for anew meanwhile.
+  const listed = () => ana.page.waitForResponse((answer) => answer.url().endsWith("/api/v1/tokens"));
+  await (await listed()).finished();
+  await (await listed()).finished();
+  await tokens.locator(".ask", { hasText: /you lock yourself out.*everybody is locked out/ }).waitFor();
   await tokens.getByRole("button", { name: "Keep it" }).click();
 
   for (const { own } of [ana, ben]) assert.deepEqual(own(), []);

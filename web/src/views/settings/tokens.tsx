@@ -146,7 +146,7 @@ function inHours(hours: number, { clock }: State, now: number): string | null {
 function losses(token: Token, valid: Token[], { session }: State): string[] {
   const words = strings.settings;
   const mine = session !== null && session !== "stranger" && session.signed_in && session.name === token.name;
-  if (!valid.includes(token)) return [];
+  if (!valid.some(({ id }) => id === token.id)) return [];
   const admins = valid.filter(({ scope }) => scope === "admin");
   return [
     ...(mine ? [words.tokenMine] : []),
