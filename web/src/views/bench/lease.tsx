@@ -51,7 +51,7 @@ export function Lease({ state, act, now }: Given) {
   return (
     <div ref={box} class="lease" data-lease={state.link === "open" ? holder : "unclear"}>
       <p role="status">
-        {words} {more && <span class="quiet">{more}</span>}
+        {more ? words.replace(/\.$/, "") : words} {more && <span class="quiet">{more}</span>}
       </p>
       {lease === null && commanding && state.link === "open" && (
         <button type="button" aria-disabled={!settled} onClick={() => settled && void act(api.takeLease())}>

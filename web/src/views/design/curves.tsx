@@ -10,6 +10,8 @@ import type { Other } from "./figures";
 const HEIGHT = 210;
 /** What a number along the distance takes, and a place beside it. */
 const TICK_PX = 84;
+/** Half as wide as a digit, px. */
+const HALF_DIGIT_PX = 3.6;
 /** Of the blur still sharp: more need not be told apart. */
 const BLUR_SHOWN = 8;
 
@@ -170,8 +172,11 @@ function blurs(colours: Theme, along: string, both: boolean, limit: number, abou
   ];
   const { axes, ...rest } = base(colours, along, strings.design.curveBlur);
   const [x = {}, up = {}] = axes ?? [];
+  const last = tickText(about.at(-1) ?? null);
   return {
     ...rest,
+    // Half of the last number stands beyond the end of the scale.
+    padding: [null, Math.ceil(last.length * HALF_DIGIT_PX * colours.scale), null, null],
     axes: [
       {
         ...x,
