@@ -164,13 +164,15 @@ async fn aligned(seeds: impl IntoIterator<Item = u64>) -> usize {
 }
 
 #[tokio::test(start_paused = true)]
-async fn five_cameras_align() {
-    assert_eq!(aligned(1..=5).await, 5);
+async fn six_cameras_align() {
+    // The last has few large micro-images before coarse print.
+    assert_eq!(aligned((1..=5).chain([725])).await, 6);
 }
 
 #[tokio::test(start_paused = true)]
-async fn five_more_cameras_align() {
-    assert_eq!(aligned(6..=10).await, 5);
+async fn six_more_cameras_align() {
+    // The last has its first board in air far beyond the others.
+    assert_eq!(aligned((6..=10).chain([805])).await, 6);
 }
 
 /// The cameras that are shipped as examples, with as much of their sensors as is rendered in a blink.
