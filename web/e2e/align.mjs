@@ -708,7 +708,8 @@ function places() {
 
 /** In the page: clicks whatever prompt appears in the moment in which it does. */
 function hasty() {
-  const clicked = new WeakSet();
+  // One that is there already has had its time.
+  const clicked = new WeakSet(document.querySelectorAll("#confirm"));
   new MutationObserver(() => {
     const confirm = document.querySelector("#confirm");
     if (!confirm || clicked.has(confirm)) return;
