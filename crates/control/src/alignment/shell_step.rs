@@ -59,7 +59,7 @@ impl Alignment<'_> {
         let _watched = self.motion.watch_e();
         self.eye.aim_at(plan.solution.e);
         let axis = &self.config.bench.e;
-        let (mut first_look, mut dark, mut led) = (true, 0, None::<String>);
+        let (mut first_look, mut dark, mut led) = (true, 0, None);
         let in_air = self.findings.seen.clone();
         let mut shell = ShellLoop::new(plan.shell_goal(self.eye.target_px(), step), camera);
         let (mut kind, mut predicted, mut frames, mut moved) = (IterationKind::Start, None, 1, AxisName::E);
@@ -77,8 +77,7 @@ impl Alignment<'_> {
             let seen = match seen {
                 Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { why })) if first_look => {
                     if let Some(named) = led {
-                        self.eye.contradict(&named);
-                        return Err(JobEnd::failed(named));
+                        return Err(self.contradicted(named));
                     }
                     led = Some(self.look_through_shell(&look, plan, why).await?);
                     continue;
@@ -89,8 +88,7 @@ impl Alignment<'_> {
             if std::mem::take(&mut first_look)
                 && let Some(why) = look.contradiction(&seen.spacing)
             {
-                self.eye.contradict(&why);
-                return Err(JobEnd::failed(why));
+                return Err(self.contradicted(why));
             }
             if let Some(picture) = &seen.picture {
                 // The first stays; of the others the last.
@@ -151,6 +149,12 @@ impl Alignment<'_> {
         let mut seen = evidence(self.eye, &self.findings, window_px)?;
         here.put_after(&mut seen.shell);
         Some(Room { contact: self.motion.contact(), e: e_axis(self.config, &seen)? })
+    }
+
+    /// How the job ends where the picture is not what the configuration says, in words: nobody is to move anything by it either.
+    pub(super) fn contradicted(&self, why: String) -> JobEnd {
+        self.eye.contradict(&why);
+        JobEnd::failed(why)
     }
 
     /// The spacing over so many frames, after a move once the picture stands still: a controller may say that an axis

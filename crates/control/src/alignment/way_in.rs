@@ -145,10 +145,7 @@ impl Alignment<'_> {
                 self.context.log("back where it stood the picture can be measured now: the step goes on");
                 Ok(named)
             }
-            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => {
-                self.eye.contradict(&named);
-                Err(JobEnd::failed(named))
-            }
+            Err(JobEnd::NotMeasured(NotMeasured::Unmeasurable { .. })) => Err(self.contradicted(named)),
             Err(end) => Err(end),
         }
     }
