@@ -61,8 +61,8 @@ impl Adjusted {
             let slopes = slopes(&unknowns);
             let residual = &seen - weighted(predicted(&unknowns));
             let normal = DMatrix::identity(count, count) + slopes.transpose() * &slopes;
-            let mut step = normal.cholesky()?.solve(&(slopes.transpose() * &residual - &unknowns));
-            let here = residual.norm_squared() + unknowns.norm_squared();
+            let mut step = normal.cholesky()?.solve(&(slopes.transpose() * residual - &unknowns));
+            let here = off(&unknowns);
             for _ in 0..HALVINGS {
                 if off(&(&unknowns + &step)) <= here {
                     break;
